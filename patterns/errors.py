@@ -1,0 +1,58 @@
+"""The one refusal of the whole project and the checks that raise it.
+
+Form of every message: `<name> <rule>; got <value>. <what to do>` on one line.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+
+
+class InputError(ValueError):
+    """Input that is refused: the message is one line that says what to do."""
+
+
+def refuse(name: str, rule: str, value: object, remedy: str) -> InputError:
+    """Build (not raise) the refusal `<name> <rule>; got <value>. <remedy>` on one line."""
+    text = f"{name} {rule}; got {value}. {remedy}"
+    return InputError(" ".join(text.split()))
+
+
+def in_interval(
+    name: str, value: float, low: float, high: float, remedy: str = "Choose a value inside."
+) -> None:
+    """Refuse a value outside the closed interval [low, high], NaN and non-numbers included.
+
+    Raises:
+        InputError: if the value is no real number, not finite, or outside.
+    """
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or not math.isfinite(value) or not low <= value <= high:
+        raise refuse(name, f"must be in [{low:g}, {high:g}]", repr(value), remedy)
+
+
+def positive(name: str, value: float, remedy: str = "Give a number above zero.") -> None:
+    """Refuse a value that is not a finite number above zero.
+
+    Raises:
+        InputError: if the value is no real number, not finite, or <= 0.
+    """
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or not math.isfinite(value) or value <= 0:
+        raise refuse(name, "must be > 0", repr(value), remedy)
+
+
+def one_of(name: str, value: object, known: Iterable[str]) -> None:
+    """Refuse a name that is not among the known ones; the remedy lists them, nearest first.
+
+    Raises:
+        InputError: if `value` is not one of `known`.
+    """
+    known = sorted(known)
+    if value in known:
+        return
+    near = difflib.get_close_matches(str(value), known, n=len(known), cutoff=0.0)
+    listed = ", ".join(near + [name for name in known if name not in near])
+    raise refuse(name, "must be a known name", repr(value), f"Known: {listed}.")

@@ -1,0 +1,63 @@
+"""Why a pixel has no depth: one fixed code per cause, in order of cause (the first cause wins)."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Reason(IntEnum):
+    """Code of a pixel; 0 has depth. Stored as uint32 because OpenEXR takes no uint8."""
+
+    VALID = 0  # The pixel has depth.
+    NO_SURFACE = 1  # Nothing is seen along the pixel's ray.
+    OUTSIDE_OVERLAP = 2  # The match would lie left of the right image (left border).
+    OCCLUDED = 3  # The surface is hidden from the right imager.
+    SHADOWED = 4  # The surface is hidden from the projector.
+    LOW_SIGNAL = 5  # Too little light above the noise.
+    SATURATED = 6  # The imager's ceiling flattens the window.
+    AMBIGUOUS = 7  # A second disparity matches nearly as well (uniqueness).
+    LEFT_RIGHT = 8  # Matching from the right image gives another disparity.
+    SUPPORT = 9  # Too little texture, or too few neighbours that agree.
+    SPECKLE = 10  # A small island of its own disparity, removed.
+    POST_FILTER = 11  # Removed by post-processing.
+    OUT_OF_RANGE = 12  # Depth outside what the sensor reports.
+    UNKNOWN = 13  # A real device: no depth and no word why.
+
+
+LABELS: dict[Reason, str] = {
+    Reason.VALID: "valid",
+    Reason.NO_SURFACE: "no surface",
+    Reason.OUTSIDE_OVERLAP: "outside the overlap",
+    Reason.OCCLUDED: "occluded from the right imager",
+    Reason.SHADOWED: "shadowed from the projector",
+    Reason.LOW_SIGNAL: "too little signal",
+    Reason.SATURATED: "saturated",
+    Reason.AMBIGUOUS: "ambiguous match",
+    Reason.LEFT_RIGHT: "left-right disagreement",
+    Reason.SUPPORT: "too little support",
+    Reason.SPECKLE: "speckle filter",
+    Reason.POST_FILTER: "post filter",
+    Reason.OUT_OF_RANGE: "out of range",
+    Reason.UNKNOWN: "unknown",
+}
+
+
+def first_cause(valid: NDArray[np.bool_], causes: dict[Reason, NDArray[np.bool_]]) -> NDArray:
+    """Give every pixel without depth its first cause.
+
+    Args:
+        valid: (h, w), True where there is depth.
+        causes: for each cause the mask (h, w) where it applies; where several do, the lowest
+            code wins; where none does, the pixel is UNKNOWN.
+
+    Returns:
+        (h, w) uint32 codes, 0 exactly where `valid`.
+    """
+    reason = np.full(valid.shape, Reason.UNKNOWN, np.uint32)
+    for cause in sorted(causes, reverse=True):
+        reason[causes[cause]] = cause
+    reason[valid] = Reason.VALID
+    return reason
