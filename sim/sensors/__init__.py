@@ -1,0 +1,73 @@
+"""Sensor presets and sensor files: TOML in, TOML out."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from patterns import errors
+from sim import matcher, structure
+from sim.sensor import Sensor
+
+_FOLDER = Path(__file__).parent
+
+
+def names() -> list[str]:
+    """List the presets' names."""
+    return sorted(path.stem for path in _FOLDER.glob("*.toml"))
+
+
+def load(name: str) -> Sensor:
+    """Load a preset by name, or a sensor file by its path (`.toml`).
+
+    Raises:
+        InputError: unknown preset (the known ones are listed, nearest first), unreadable file,
+            or a refused value.
+    """
+    if name.endswith(".toml"):
+        return _read(Path(name))
+    errors.one_of("sensor", name, names())
+    return _read(_FOLDER / f"{name}.toml")
+
+
+def text(name: str) -> str:
+    """Return a preset's file as it stands, sources included."""
+    errors.one_of("sensor", name, names())
+    return (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def dumps(sensor: Sensor) -> str:
+    """Write a sensor as TOML text that `load` reads back equal."""
+    return tomli_w.dumps(structure.to_table(sensor))
+
+
+def _read(path: Path) -> Sensor:
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise errors.refuse("sensor", "must be a readable file", path, f"{error.strerror}.") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise errors.refuse("sensor", "must be TOML", path, f"{error}.") from None
+    return from_table(table)
+
+
+def from_table(table: dict[str, Any]) -> Sensor:
+    """Build a sensor from its tables; `right` left out means: as `left`.
+
+    `matcher.setting` names a stock setting (see `sim.matcher.named`) that the rest of the table
+    edits by dotted path.
+    """
+    table = dict(table)
+    if "left" in table and "right" not in table:
+        table["right"] = table["left"]
+    chosen = table.get("matcher")
+    if isinstance(chosen, dict) and "setting" in chosen:
+        stock = matcher.named(chosen["setting"])
+        for path, value in chosen.items():
+            if path != "setting":
+                stock = structure.edit(stock, path, value)
+        table["matcher"] = structure.to_table(stock)
+    return structure.from_table(Sensor, table)
