@@ -1,0 +1,121 @@
+"""A scene set up in Mitsuba, ready to be lit and seen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from patterns import errors
+from sim import backend
+from sim.scene import Body, Material, Scene
+
+
+class Stage:
+    """Mitsuba's shapes of one `Scene`; built once, rendered from any number of poses."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Load the shapes.
+
+        Raises:
+            InputError: if the scene's XML cannot be loaded or has no shapes.
+        """
+        self.scene = scene
+        mi = backend.mitsuba()
+        shapes = _xml_shapes(scene) if scene.xml else [_shape(body) for body in scene.bodies]
+        self.shapes = shapes
+        self.mitsuba: Any = mi.load_dict(
+            {"type": "scene", **{f"body_{i:04d}": shape for i, shape in enumerate(shapes)}}
+        )
+        self.numbers = _numbers(shapes)  # From Dr.Jit's shape handle to the body's number.
+
+
+def _numbers(shapes: list[Any]) -> NDArray[np.uint32]:
+    """Table from Dr.Jit's handle of a shape to its number, 1 for the first body."""
+    mi = backend.mitsuba()
+    if not backend.is_jit():
+        return np.arange(1, len(shapes) + 1, dtype=np.uint32)
+    import drjit as dr
+
+    handles = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in shapes]
+    table = np.zeros(max(handles) + 1, np.uint32)
+    table[handles] = np.arange(1, len(shapes) + 1)
+    return table
+
+
+def _xml_shapes(scene: Scene) -> list[Any]:
+    mi = backend.mitsuba()
+    try:
+        shapes = list(mi.load_file(str(scene.xml)).shapes())
+    except (RuntimeError, OSError) as error:
+        raise errors.refuse("scene", "must be a Mitsuba XML", scene.xml, f"{error}") from None
+    if not shapes:
+        raise errors.refuse("scene", "must hold shapes", scene.xml, "Add a shape to the XML.")
+    return shapes
+
+
+def _shape(body: Body) -> Any:
+    """Make one Mitsuba mesh with its BSDF."""
+    mi = backend.mitsuba()
+    mesh, bsdf = body.mesh, _bsdf(body.material, body.texture)
+    props = mi.Properties()
+    props["bsdf"] = mi.load_dict(bsdf)
+    props["face_normals"] = mesh.normals is None
+    shape = mi.Mesh(
+        body.name,
+        vertex_count=len(mesh.vertices),
+        face_count=len(mesh.faces),
+        has_vertex_normals=mesh.normals is not None,
+        has_vertex_texcoords=mesh.uv is not None,
+        props=props,
+    )
+    params = mi.traverse(shape)
+    params["vertex_positions"] = np.ascontiguousarray(mesh.vertices, np.float32).ravel()
+    params["faces"] = np.ascontiguousarray(mesh.faces, np.uint32).ravel()
+    if mesh.normals is not None:
+        params["vertex_normals"] = np.ascontiguousarray(mesh.normals, np.float32).ravel()
+    if mesh.uv is not None:
+        params["vertex_texcoords"] = np.ascontiguousarray(mesh.uv, np.float32).ravel()
+    params.update()
+    return shape
+
+
+def _bsdf(material: Material, texture: NDArray[np.float32] | None) -> dict[str, Any]:
+    value = material.reflectance if texture is None else _bitmap(texture)
+    if material.kind == "diffuse":
+        inner: dict[str, Any] = {"type": "diffuse", "reflectance": _spectrum(value)}
+    elif material.kind == "glossy":
+        inner = {
+            "type": "roughplastic",
+            "distribution": "ggx",
+            "alpha": material.roughness,
+            "diffuse_reflectance": _spectrum(value),
+            "nonlinear": True,
+        }
+    else:
+        inner = {
+            "type": "principled",
+            "metallic": 1.0,
+            "base_color": _spectrum(value),
+            "roughness": material.roughness**0.5,  # The model squares it to alpha.
+        }
+    return {"type": "twosided", "bsdf": inner}
+
+
+def _spectrum(value: float | dict[str, Any]) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {"type": "spectrum", "value": value}
+
+
+def _bitmap(image: NDArray[np.float32]) -> dict[str, Any]:
+    """Texture dict of a linear grey image; uv (0, 0) is the image's first corner."""
+    mi = backend.mitsuba()
+    channels = 1 if backend.is_jit() else 3
+    data = np.repeat(np.ascontiguousarray(image, np.float32)[..., None], channels, axis=2)
+    return {
+        "type": "bitmap",
+        "bitmap": mi.Bitmap(data),
+        "raw": True,
+        "filter_type": "bilinear",
+        "wrap_mode": "clamp",
+    }
