@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from patterns import errors
+from sim.reason import Reason, first_cause
+from sim.sensor import Sensor
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -68,3 +70,37 @@ def from_code(code: NDArray[np.uint16], depth_unit_m: float) -> NDArray[np.float
     errors.positive("depth_unit_m", depth_unit_m)
     depth = code.astype(np.float32) * np.float32(depth_unit_m)
     return np.where(code > 0, depth, np.float32(np.nan))
+
+
+def measure(
+    ir_left: NDArray, ir_right: NDArray, sensor: Sensor, *, causes: dict[Reason, NDArray[np.bool_]]
+) -> DepthMap:
+    """Match an infrared pair and triangulate.
+
+    Args:
+        ir_left: (h, w) uint8 or uint16.
+        ir_right: likewise, rectified; for structured light the stored reference.
+        sensor: its matcher, geometry and range.
+        causes: masks (h, w) of what else is known to keep a pixel from having depth. They name
+            the reason where the matcher found nothing; they remove nothing.
+    """
+    from sim.matching import match  # Loads compilers that only matching needs.
+
+    found = match(ir_left, ir_right, sensor.matcher)
+    depth = depth_from_disparity(
+        found.disparity_px, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
+    )
+    post = sensor.post
+    in_range = (depth >= post.near_m) & (depth <= post.far_m) & (depth < 65535 * post.depth_unit_m)
+    valid = found.valid & in_range
+    own = {Reason(code): found.reason == code for code in np.unique(found.reason) if code}
+    both = {
+        key: causes.get(key, False) | own.get(key, np.False_)  # type: ignore[operator]
+        for key in causes.keys() | own.keys()
+    }
+    return DepthMap(
+        disparity_px=np.where(valid, found.disparity_px, np.float32(np.nan)),
+        depth_m=np.where(valid, depth, np.float32(np.nan)),
+        valid=valid,
+        reason=first_cause(valid, both | {Reason.OUT_OF_RANGE: found.valid & ~in_range}),
+    )

@@ -82,7 +82,7 @@ def _shape(body: Body) -> Any:
 
 
 def _bsdf(material: Material, texture: NDArray[np.float32] | None) -> dict[str, Any]:
-    value = material.reflectance if texture is None else _bitmap(texture)
+    value = material.reflectance if texture is None else grey_bitmap(texture)
     if material.kind == "diffuse":
         inner: dict[str, Any] = {"type": "diffuse", "reflectance": _spectrum(value)}
     elif material.kind == "glossy":
@@ -107,7 +107,7 @@ def _spectrum(value: float | dict[str, Any]) -> dict[str, Any]:
     return value if isinstance(value, dict) else {"type": "spectrum", "value": value}
 
 
-def _bitmap(image: NDArray[np.float32]) -> dict[str, Any]:
+def grey_bitmap(image: NDArray[np.float32]) -> dict[str, Any]:
     """Texture dict of a linear grey image; uv (0, 0) is the image's first corner."""
     mi = backend.mitsuba()
     channels = 1 if backend.is_jit() else 3

@@ -48,7 +48,9 @@ def from_table(cls: type[T], table: Mapping[str, Any], name: str = "") -> T:
             whatever the dataclass itself refuses.
     """
     if not isinstance(table, Mapping):
-        raise errors.refuse(name or cls.__name__, "must be a table", repr(table), "Give key = value.")
+        raise errors.refuse(
+            name or cls.__name__, "must be a table", repr(table), "Give key = value."
+        )
     hints = _hints(cls)
     for key in table:
         errors.one_of(f"key in {name or cls.__name__}", key, hints)
@@ -84,7 +86,9 @@ def _edit(tree: T, path: str, value: Any, name: str) -> T:
     old = getattr(tree, head)
     if rest:
         if not dataclasses.is_dataclass(old):
-            raise errors.refuse(_join(name, head), "has no fields", f".{rest}", "Drop the last part.")
+            raise errors.refuse(
+                _join(name, head), "has no fields", f".{rest}", "Drop the last part."
+            )
         new = _edit(old, rest, value, _join(name, head))
     else:
         new = _value(hints[head], value, _join(name, head))

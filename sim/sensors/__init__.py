@@ -20,6 +20,13 @@ def names() -> list[str]:
     return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
 
+def summary() -> dict[str, dict[str, Any]]:
+    """Say of every preset what tells it from the others."""
+    keys = ("kind", "width", "height", "fx_px", "baseline_m")
+    presets = {name: load(name) for name in names()}
+    return {name: {key: getattr(item, key) for key in keys} for name, item in presets.items()}
+
+
 def load(name: str) -> Sensor:
     """Load a preset by name, or a sensor file by its path (`.toml`).
 
@@ -48,7 +55,9 @@ def _read(path: Path) -> Sensor:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise errors.refuse("sensor", "must be a readable file", path, f"{error.strerror}.") from None
+        raise errors.refuse(
+            "sensor", "must be a readable file", path, f"{error.strerror}."
+        ) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise errors.refuse("sensor", "must be TOML", path, f"{error}.") from None
     return from_table(table)

@@ -1,0 +1,154 @@
+"""Drawing dots: Gaussian spots of one angular width, at sub-pixel positions, energy kept."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from patterns.errors import in_interval, positive, refuse
+from patterns.field import Field
+
+SIGMA_PER_FWHM = 1 / math.sqrt(8 * math.log(2))
+NARROWEST_PX = 1.5  # Below this a sampled Gaussian's sum moves with its sub-pixel position.
+STENCIL_SIGMAS = 4.0
+MOST_DOTS = 200_000  # Six times a Kinect; more is a mistyped parameter.
+CHUNK = 1 << 17  # Stencil samples worked on at once: few enough to stay in the cache.
+
+
+def draw(dots: np.ndarray, shape: tuple[int, int], field: Field, fwhm_mrad: float) -> np.ndarray:
+    """Draw dots as Gaussian spots on the tangent plane.
+
+    A spot has the same angular width everywhere, so on the plane it grows by 1/cos^2 of the
+    off-axis angle outwards and by 1/cos across. Its samples sum to its power; what falls
+    outside the image is lost.
+
+    Args:
+        dots: (n, 3) x [px], y [px], relative power >= 0; integer coordinate = pixel centre. Dots
+            more than one image size outside are left out.
+        shape: Image shape (h, w).
+        field: Field of view that the image spans.
+        fwhm_mrad: Full width at half maximum of a spot [mrad].
+
+    Returns:
+        (h, w) float64, power per pixel.
+
+    Raises:
+        InputError: if `dots` has another shape, is not finite or negative in power, or if the
+            spot is narrower than 1.5 px (too coarse an image) or wider than a quarter of it.
+    """
+    dots = check_dots(dots)
+    check_width(fwhm_mrad, shape, field)
+    focal_x, focal_y = field.focal_px(shape)
+    x, y = field.tangents(dots[:, 0], dots[:, 1], shape)
+    stretch = (1 + x * x + y * y) * (SIGMA_PER_FWHM * fwhm_mrad * 1e-3) ** 2
+    variance_x = stretch * (1 + x * x) * focal_x**2
+    variance_y = stretch * (1 + y * y) * focal_y**2
+    covariance = stretch * x * y * focal_x * focal_y
+    determinant = variance_x * variance_y - covariance**2
+    # Rows: x, y, power, inverse covariance (xx, yy, xy).
+    spots = np.stack(
+        [
+            dots[:, 0],
+            dots[:, 1],
+            dots[:, 2],
+            variance_y / determinant,
+            variance_x / determinant,
+            -covariance / determinant,
+        ]
+    )
+    radius_x = np.ceil(STENCIL_SIGMAS * np.sqrt(variance_x)).astype(int)
+    radius_y = np.ceil(STENCIL_SIGMAS * np.sqrt(variance_y)).astype(int)
+    off_x = np.abs(dots[:, 0] - (shape[1] - 1) / 2) - shape[1] / 2
+    off_y = np.abs(dots[:, 1] - (shape[0] - 1) / 2) - shape[0] / 2
+    # Far out the plane is grazed and a spot's projection is no Gaussian any more: not drawn.
+    reaching = (off_x < np.minimum(radius_x, shape[1])) & (off_y < np.minimum(radius_y, shape[0]))
+    spots, radius_x, radius_y = spots[:, reaching], radius_x[reaching], radius_y[reaching]
+    image = np.zeros(shape[0] * shape[1])
+    # One stencil size per group keeps every group a plain array.
+    for rx, ry in np.unique(np.stack([radius_x, radius_y], axis=1), axis=0):
+        group = spots[:, (radius_x == rx) & (radius_y == ry)]
+        step = max(1, CHUNK // int((2 * rx + 1) * (2 * ry + 1)))
+        for start in range(0, group.shape[1], step):
+            _splat(image, group[:, start : start + step], int(rx), int(ry), shape)
+    return image.reshape(shape)
+
+
+def _splat(image: np.ndarray, spots: np.ndarray, rx: int, ry: int, shape: tuple[int, int]) -> None:
+    """Add spots (6, n) to the flat image in place, each on a (2 ry + 1, 2 rx + 1) stencil."""
+    height, width = shape
+    x, y, power, inverse_xx, inverse_yy, inverse_xy = spots[:, :, None, None]
+    column = np.rint(x).astype(np.int64) + np.arange(-rx, rx + 1)[None, None, :]
+    row = np.rint(y).astype(np.int64) + np.arange(-ry, ry + 1)[None, :, None]
+    dx, dy = (column - x).astype(np.float32), (row - y).astype(np.float32)
+    # One full-size product and sum less than the plain quadratic form.
+    half_xx, half_yy, half_xy = (
+        (-0.5 * inverse).astype(np.float32) for inverse in (inverse_xx, inverse_yy, inverse_xy)
+    )
+    spot = half_xx * dx + 2 * half_xy * dy
+    spot *= dx
+    spot += half_yy * dy**2
+    np.exp(spot, out=spot)
+    spot *= (power / spot.sum(axis=(1, 2), keepdims=True)).astype(np.float32)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    index = row * width + column
+    if not inside.all():
+        index, spot = index[inside], spot[inside]
+    np.add.at(image, index.ravel(), spot.ravel().astype(np.float64))
+
+
+def check_dots(dots: np.ndarray) -> np.ndarray:
+    """Refuse what is no list of dots, else return it as float64.
+
+    Raises:
+        InputError: if it is not (n, 3), or a row is not finite or negative in power.
+    """
+    dots = np.asarray(dots, dtype=np.float64)
+    if dots.ndim != 2 or dots.shape[1] != 3:
+        raise refuse("dots", "must have shape (n, 3)", dots.shape, "Give x_px, y_px, power.")
+    bad = ~np.isfinite(dots).all(axis=1) | (dots[:, 2] < 0)
+    if bad.any():
+        found = f"{bad.sum()} others, first at row {bad.argmax()}"
+        raise refuse("dots", "must be finite with power >= 0", found, "Drop or mend these rows.")
+    return dots
+
+
+def check_width(fwhm_mrad: float, shape: tuple[int, int], field: Field) -> None:
+    """Refuse a spot width that an image of this shape cannot hold.
+
+    Raises:
+        InputError: if it is not positive, under 1.5 px or over a quarter of the shorter side.
+    """
+    positive("fwhm_mrad", fwhm_mrad, "Give the spot's full width at half maximum in mrad.")
+    fwhm_px = fwhm_mrad * 1e-3 * min(field.focal_px(shape))
+    if not NARROWEST_PX <= fwhm_px <= min(shape) / 4:
+        raise refuse(
+            "fwhm_mrad",
+            f"must span {NARROWEST_PX:g} px to a quarter of the image",
+            f"{fwhm_mrad:g} mrad = {fwhm_px:.2f} px",
+            "Change fwhm_mrad or width_px.",
+        )
+
+
+def check_count(n: int, remedy: str) -> None:
+    """Refuse a number of dots that is none or that would fill the memory.
+
+    Raises:
+        InputError: if it is outside 1 to 200 000.
+    """
+    if not 1 <= n <= MOST_DOTS:
+        raise refuse("number of dots", f"must be in [1, {MOST_DOTS}]", n, remedy)
+
+
+def relative_powers(n: int, spread: float, rng: np.random.Generator) -> np.ndarray:
+    """Powers (n,) of mean about 1, log-normal with standard deviation / mean = `spread`.
+
+    Log-normal because a power is positive and its causes (emitter, diffraction order) multiply;
+    the law is assumed.
+
+    Raises:
+        InputError: if `spread` is outside [0, 2].
+    """
+    in_interval("power_spread", spread, 0.0, 2.0, "Give standard deviation / mean of dot powers.")
+    variance = math.log1p(spread**2)
+    return np.exp(rng.standard_normal(n) * math.sqrt(variance) - variance / 2)

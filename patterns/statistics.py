@@ -1,0 +1,191 @@
+"""A pattern's statistics: stated from its dots, measured from its image."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from patterns.dots import SIGMA_PER_FWHM
+from patterns.errors import refuse
+from patterns.field import Field, unit_vectors
+from patterns.pattern import Pattern, check_image
+from patterns.uniqueness import unique_share
+
+FURTHEST_MELT = 1.75  # In units of 2 sigma: beyond, only a power ratio over 15 melts.
+FAINTEST = 0.05  # A local maximum counts from this share of the bright ones' height.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Statistics:
+    """What can be said of a pattern, the same from its dots or from its image.
+
+    Args:
+        dots: Separate spots in the field: those whose sum has one maximum count as one (equal
+            spots nearer than 2 sigma = 0.85 FWHM, unequal ones from further).
+        dots_per_deg2: `dots` per square degree of the field's solid angle (not of fx * fy).
+        neighbour_mrad: Median angle from a spot to its nearest neighbour [mrad].
+        fwhm_mrad: Median spot width, full width at half maximum [mrad].
+        dot_share: Share of the light that is in spots; the rest is an even background.
+        unique_share: Share of 11x11 windows unique along the row within 126 px at `focal_px`
+            (see `unique_share`).
+        focal_px: Camera focal length [px] that unique_share holds for.
+    """
+
+    dots: int
+    dots_per_deg2: float
+    neighbour_mrad: float
+    fwhm_mrad: float
+    dot_share: float
+    unique_share: float
+    focal_px: float
+
+    @property
+    def fwhm_deg(self) -> float:
+        """Median spot width, full width at half maximum [deg]."""
+        return math.degrees(self.fwhm_mrad * 1e-3)
+
+
+def state(pattern: Pattern, *, focal_px: float | None = None) -> Statistics:
+    """The statistics a generated pattern states: from its dot list and parameters.
+
+    Only unique_share is taken from the image, since it has no closed form.
+
+    Args:
+        pattern: A pattern with dots.
+        focal_px: Camera focal length [px] for the uniqueness; None: the pattern image's own.
+
+    Raises:
+        InputError: if the pattern carries no dots, or as `unique_share`.
+    """
+    if pattern.dots is None or pattern.fwhm_mrad is None or pattern.background is None:
+        raise refuse("pattern", "must carry its dots", pattern.name, "Use measure on its image.")
+    field = pattern.field
+    rays = unit_vectors(*field.tangents(pattern.dots[:, 0], pattern.dots[:, 1], pattern.shape))
+    rays = _melt(rays, pattern.dots[:, 2], SIGMA_PER_FWHM * pattern.fwhm_mrad * 1e-3)
+    return Statistics(
+        dots=len(rays),
+        dots_per_deg2=len(rays) / field.solid_angle_deg2,
+        neighbour_mrad=_neighbour_mrad(rays),
+        fwhm_mrad=pattern.fwhm_mrad,
+        dot_share=1 - pattern.background,
+        unique_share=unique_share(pattern.image, field, focal_px=focal_px),
+        focal_px=field.focal_px(pattern.shape)[0] if focal_px is None else focal_px,
+    )
+
+
+def measure(
+    image: np.ndarray, *, fov_x_deg: float, fov_y_deg: float, focal_px: float | None = None
+) -> Statistics:
+    """The same statistics from an image alone.
+
+    The background is the image's first percentile, so spots must leave gaps. A spot is a local
+    maximum of 3x3 pixels that rises over 5 % of the bright ones' height (the 99.5th percentile);
+    position and width come from a parabola through the logarithm of those pixels, which is exact
+    for a lone Gaussian. Smooth a noisy photograph first.
+
+    Args:
+        image: (h, w) linear irradiance of any scale.
+        fov_x_deg: Full horizontal field of view [deg].
+        fov_y_deg: Full vertical field of view [deg].
+        focal_px: Camera focal length [px] for the uniqueness; None: the image's own.
+
+    Raises:
+        InputError: if the image is unfit (see `Pattern`), holds no spot, or as `unique_share`.
+    """
+    field = Field(fov_x_deg, fov_y_deg)
+    image = check_image(image).astype(np.float64)
+    shape = image.shape[0], image.shape[1]
+    background = float(np.percentile(image, 1))
+    light = image - background
+    x_px, y_px, area_px2 = _spots(light)
+    if not len(x_px):
+        raise refuse("image", "must hold a spot", "none", "Give a pattern of dots.")
+    x, y = field.tangents(x_px, y_px, shape)
+    focal_x, focal_y = field.focal_px(shape)
+    # A plane element at tangent r subtends (1 + r^2)^-1.5 of its area.
+    area = area_px2 / (focal_x * focal_y) * (1 + x * x + y * y) ** -1.5
+    return Statistics(
+        dots=len(x),
+        dots_per_deg2=len(x) / field.solid_angle_deg2,
+        neighbour_mrad=_neighbour_mrad(unit_vectors(x, y)),
+        fwhm_mrad=float(np.sqrt(np.nanmedian(area))) / SIGMA_PER_FWHM * 1e3,
+        dot_share=1 - background / float(image.mean()),
+        unique_share=unique_share(image, field, focal_px=focal_px),
+        focal_px=focal_x if focal_px is None else focal_px,
+    )
+
+
+def _spots(light: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions x, y [px] and sigma_1 * sigma_2 [px^2] of spots; the latter NaN where unfit."""
+    from scipy import ndimage  # Heavy, like all of scipy: not at import.
+
+    peak = (light == ndimage.maximum_filter(light, 3)) & (
+        light > FAINTEST * np.percentile(light, 99.5)
+    )
+    # A plateau (clipped or quantised) is one spot: take its first pixel.
+    labels, count = ndimage.label(peak, structure=np.ones((3, 3)))  # pyright: ignore
+    flat = np.flatnonzero(peak)
+    _, first = np.unique(labels.ravel()[flat], return_index=True)
+    row, column = np.divmod(flat[first], light.shape[1])
+    x, y = column.astype(float), row.astype(float)
+    area = np.full(count, np.nan)
+    inner = (row > 0) & (row < light.shape[0] - 1) & (column > 0) & (column < light.shape[1] - 1)
+    offsets = np.arange(-1, 2)
+    near = light[
+        row[inner, None, None] + offsets[:, None], column[inner, None, None] + offsets[None]
+    ]
+    log = np.log(np.maximum(near, 1e-12))
+    # Least squares of a parabola on 3x3 samples: slopes and curvatures in closed form.
+    slope_x = (log[:, :, 2] - log[:, :, 0]).sum(1) / 6
+    slope_y = (log[:, 2] - log[:, 0]).sum(1) / 6
+    curve_x = (log[:, :, 0] - 2 * log[:, :, 1] + log[:, :, 2]).sum(1) / 3
+    curve_y = (log[:, 0] - 2 * log[:, 1] + log[:, 2]).sum(1) / 3
+    cross = (log[:, 2, 2] + log[:, 0, 0] - log[:, 0, 2] - log[:, 2, 0]) / 4
+    determinant = curve_x * curve_y - cross**2
+    fit = (curve_x < 0) & (curve_y < 0) & (determinant > 1e-12)
+    chosen = np.flatnonzero(inner)[fit]
+    step_x = (cross * slope_y - curve_y * slope_x)[fit] / determinant[fit]
+    step_y = (cross * slope_x - curve_x * slope_y)[fit] / determinant[fit]
+    x[chosen] += np.clip(step_x, -1, 1)
+    y[chosen] += np.clip(step_y, -1, 1)
+    area[chosen] = determinant[fit] ** -0.5
+    return x, y, area
+
+
+def _melt(rays: np.ndarray, power: np.ndarray, sigma: float) -> np.ndarray:
+    """Unit vectors of spots (m, 3) after joining those whose pairwise sum has one maximum.
+
+    Two Gaussians of one width at distance 2 d sigma and power ratio q have two maxima if and
+    only if d > 1 and |ln q| < 2 d sqrt(d^2 - 1) + 2 ln(d - sqrt(d^2 - 1)). Source: Behboodian,
+    On the modes of a mixture of two normal distributions, Technometrics 12 (1970).
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
+    pairs = KDTree(rays).query_pairs(2 * FURTHEST_MELT * sigma, output_type="ndarray")
+    first, second = pairs[:, 0], pairs[:, 1]
+    d = np.linalg.norm(rays[first] - rays[second], axis=1) / (2 * sigma)
+    root = np.sqrt(np.maximum(d * d - 1, 0))
+    room = 2 * d * root + 2 * np.log(np.where(d > 1, d - root, 1))
+    weight = np.log(np.maximum(power, 1e-30))
+    pairs = pairs[(d <= 1) | (np.abs(weight[first] - weight[second]) >= room)]
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(rays),) * 2)
+    count, label = connected_components(links, directed=False)
+    joined = np.stack(
+        [np.bincount(label, weights=rays[:, k] * power, minlength=count) for k in range(3)],
+        axis=1,
+    )
+    return joined / np.linalg.norm(joined, axis=1, keepdims=True)
+
+
+def _neighbour_mrad(rays: np.ndarray) -> float:
+    """Median angle [mrad] to the nearest of the others, NaN for a lone ray."""
+    from scipy.spatial import KDTree
+
+    if len(rays) < 2:
+        return math.nan
+    chord = KDTree(rays).query(rays, k=2)[0][:, 1]
+    return float(np.median(2 * np.arcsin(chord / 2)) * 1e3)

@@ -1,0 +1,140 @@
+"""What `capture.toml` says of a capture set: which device, its geometry, where it comes from."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from patterns import errors
+from sim import structure
+from sim.sensor import Sensor
+
+FILE = "capture.toml"
+_Row = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pinhole:
+    """Intrinsics of one more camera of the device: the colour camera."""
+
+    width: int  # [px]
+    height: int  # [px]
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+
+    def __post_init__(self) -> None:
+        _check_pinhole(self)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CaptureInfo:
+    """Geometry and origin of a capture set; the rectified pair shares one pinhole."""
+
+    sensor: str  # The device, as its preset is called: `d415`.
+    width: int  # [px]
+    height: int  # [px]
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    baseline_m: float
+    depth_unit_m: float  # Step of the 16-bit depth images [m].
+    source: str
+    licence: str
+    notes: str
+    preset: str | None = None  # The device's own settings by name: `High Accuracy`.
+    projector: str | None = None  # What is known of it: `on`, its power, its pattern.
+    black_level_dn: float | None = None  # Pedestal of the infrared images [DN].
+    distortion: tuple[float, float, float, float, float] | None = None  # k1 k2 p1 p2 k3 (OpenCV)
+    colour: Pinhole | None = None
+    colour_from_left: tuple[_Row, _Row, _Row, _Row] | None = None  # Rigid, metres.
+    extra: Mapping[str, Any] = field(default_factory=dict)  # Keys unknown here, kept as they are.
+
+    def __post_init__(self) -> None:
+        _check_pinhole(self)
+        errors.positive(
+            "baseline_m", self.baseline_m, "The left imager comes first: give the distance [m]."
+        )
+        errors.positive("depth_unit_m", self.depth_unit_m, "Give the step of depth.png [m].")
+        if self.black_level_dn is not None:
+            errors.in_interval("black_level_dn", self.black_level_dn, 0.0, 65535.0)
+        if self.colour_from_left is not None:
+            _check_rigid(np.array(self.colour_from_left))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(h, w) of every image in the left infrared view."""
+        return self.height, self.width
+
+    @property
+    def focal_baseline_px_m(self) -> float:
+        """f b [px m]: disparity [px] times depth [m]."""
+        return self.fx_px * self.baseline_m
+
+    def geometry_into(self, sensor: Sensor) -> Sensor:
+        """Give a sensor the image size, intrinsics and baseline of these captures."""
+        names = ("width", "height", "fx_px", "fy_px", "cx_px", "cy_px", "baseline_m")
+        return dataclasses.replace(sensor, **{name: getattr(self, name) for name in names})
+
+
+def read(path: Path) -> CaptureInfo:
+    """Read `capture.toml`.
+
+    Raises:
+        InputError: if it is missing or no TOML, lacks a key (intrinsics!), or holds a value that
+            cannot be. Keys unknown here are kept in `extra`.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise errors.refuse(FILE, "must be readable", path, f"{error.strerror}.") from error
+    except (ValueError, RecursionError) as error:
+        raise errors.refuse(FILE, "must be TOML", path, f"{error}.") from error
+    try:
+        return from_table(table)
+    except errors.InputError as error:
+        raise errors.InputError(f"{path}: {error}") from error
+
+
+def from_table(table: Mapping[str, Any]) -> CaptureInfo:
+    """Build the info from the file's table; unknown keys go to `extra`."""
+    known = {item.name for item in dataclasses.fields(CaptureInfo)} - {"extra"}
+    info = structure.from_table(
+        CaptureInfo, {key: value for key, value in table.items() if key in known}
+    )
+    extra = {key: value for key, value in table.items() if key not in known}
+    return dataclasses.replace(info, extra=extra)
+
+
+def dumps(info: CaptureInfo) -> str:
+    """Write the info as TOML text that `read` reads back equal."""
+    table = structure.to_table(info)
+    extra = table.pop("extra", {})
+    return tomli_w.dumps({**table, **extra})
+
+
+def _check_pinhole(camera: Pinhole | CaptureInfo) -> None:
+    for name in ("width", "height"):
+        errors.in_interval(name, getattr(camera, name), 1, 16384, "Give the image size [px].")
+    for name in ("fx_px", "fy_px"):
+        errors.positive(name, getattr(camera, name), "Give the focal length [px].")
+    for name in ("cx_px", "cy_px"):
+        errors.in_interval(name, getattr(camera, name), -1e5, 1e5, "Give the principal point [px].")
+
+
+def _check_rigid(pose: np.ndarray) -> None:
+    rotation = pose[:3, :3]
+    rigid = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3)
+    if not np.isfinite(pose).all() or not rigid or list(pose[3]) != [0, 0, 0, 1]:
+        raise errors.refuse(
+            "colour_from_left", "must be rigid, [R t; 0 1]", pose.tolist(), "Give four rows."
+        )

@@ -1,0 +1,132 @@
+"""Writing capture sets, in the one shape that `sim.capture` reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim import capture_info, exr, png, record, sensors
+from sim.capture_info import CaptureInfo
+from sim.depth import DepthMap, to_code
+from sim.layers import Layers
+from sim.output import RECORD, OutputFolder
+from sim.png import GreyImage
+from sim.reason import Reason
+from sim.sensor import Sensor
+
+
+def info_of(sensor: Sensor, *, source: str, licence: str, notes: str) -> CaptureInfo:
+    """Describe what a sensor will write as a capture set's `capture.toml`."""
+    return CaptureInfo(
+        sensor=sensor.name,
+        width=sensor.width,
+        height=sensor.height,
+        fx_px=sensor.fx_px,
+        fy_px=sensor.fy_px,
+        cx_px=sensor.cx_px,
+        cy_px=sensor.cy_px,
+        baseline_m=sensor.baseline_m,
+        depth_unit_m=sensor.post.depth_unit_m,
+        source=source,
+        licence=licence,
+        notes=notes,
+        projector="on" if sensor.projector.power_w > 0 else "off",
+        black_level_dn=sensor.left.black_level_dn,
+    )
+
+
+def write_set(
+    folder: OutputFolder,
+    info: CaptureInfo,
+    sensor: Sensor,
+    *,
+    verb: str,
+    arguments: Mapping[str, Any],
+    figures: Mapping[str, Any],
+) -> None:
+    """Write what belongs to the set as a whole: device, sensor and how it was made.
+
+    Args:
+        folder: where to.
+        info: goes to `capture.toml`.
+        sensor: goes to `sensor.toml`, as it was used.
+        verb: the command that made the set.
+        arguments: the command's arguments, the seed among them.
+        figures: what the verb measured.
+    """
+    folder.write(capture_info.FILE, capture_info.dumps(info))
+    folder.write("sensor.toml", sensors.dumps(sensor))
+    folder.write(
+        RECORD,
+        record.dumps(
+            {
+                "verb": verb,
+                "arguments": arguments,
+                "versions": record.versions(),
+                "figures": figures,
+            }
+        ),
+    )
+
+
+def write_scene(
+    folder: OutputFolder,
+    scene: str,
+    *,
+    room: str,
+    truth_m: NDArray[np.float32] | None,
+    depth_unit_m: float,
+) -> None:
+    """Write what belongs to a scene: its room and its reference depth (h, w) [m], NaN = none."""
+    folder.write(f"{scene}/room", room + "\n")
+    if truth_m is not None:
+        folder.write(f"{scene}/truth.png", png.encode(to_code(truth_m, depth_unit_m)))
+
+
+def write_frame(
+    folder: OutputFolder,
+    scene: str,
+    number: int,
+    *,
+    depth: DepthMap,
+    depth_unit_m: float,
+    infrared: tuple[GreyImage, GreyImage] | None = None,
+    layers: Layers | None = None,
+    facts: Mapping[str, Any] | None = None,
+) -> None:
+    """Write one frame: depth, and where given the infrared pair, the layers and the facts.
+
+    Args:
+        folder: where to.
+        scene: the scene's folder.
+        number: the frame's.
+        depth: goes to `depth.png` as 16-bit code, its reasons to `frame.json` as counts.
+        depth_unit_m: step of the code [m].
+        infrared: left and right, (h, w).
+        layers: with `depth` go to `frame.exr`.
+        facts: more keys of `frame.json`: exposure_s, gain, seed ...
+    """
+    at = f"{scene}/{number}"
+    if infrared is not None:
+        folder.write(f"{at}/ir_left.png", png.encode(infrared[0]))
+        folder.write(f"{at}/ir_right.png", png.encode(infrared[1]))
+    folder.write(f"{at}/depth.png", png.encode(to_code(depth.depth_m, depth_unit_m)))
+    if layers is not None:
+        folder.write_by(f"{at}/frame.exr", lambda path: exr.write(path, layers, depth))
+    folder.write(
+        f"{at}/frame.json",
+        record.dumps(
+            {**(facts or {}), "reasons": reason_counts(depth), "versions": record.versions()}
+        ),
+    )
+
+
+def reason_counts(depth: DepthMap) -> dict[str, int]:
+    """Count the pixels of each reason that occurs: `{"valid": 901222, "occluded": 8020}`."""
+    codes, counts = np.unique(depth.reason, return_counts=True)
+    return {
+        Reason(code).name.lower(): int(count) for code, count in zip(codes, counts, strict=True)
+    }

@@ -1,0 +1,206 @@
+"""Settings of the stereo matcher: which engine, how far it searches, what it refines and refuses.
+
+Plain frozen numbers only: nothing here computes, `sim.matching` does. The thresholds of `Checks`
+and `Refinement` are single numbers, so that a table of effects can move each of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from patterns.errors import in_interval, one_of, refuse
+
+FIXED_POINT = 16  # OpenCV's disparities come in steps of 1/16 px; its search is a multiple of it.
+
+
+def _odd(name: str, value: int, low: int, high: int) -> None:
+    """Refuse a window that is not an odd whole number in [low, high]."""
+    in_interval(name, value, low, high, "Choose an odd number inside.")
+    if int(value) != value or value % 2 == 0:
+        raise refuse(name, "must be odd", value, "A window needs a centre pixel.")
+
+
+def _whole(name: str, value: int, low: int, high: int) -> None:
+    """Refuse a count that is not a whole number in [low, high]."""
+    in_interval(name, value, low, high)
+    if int(value) != value:
+        raise refuse(name, "must be a whole number", value, "Round it.")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SemiGlobalBlock:
+    """OpenCV's StereoSGBM: Birchfield-Tomasi cost in a block, then scanline optimisation."""
+
+    mode: Literal["3way", "hh"] = "3way"  # Paths: left, right and down, or all eight.
+    block_px: int = 5  # Side of the block the cost is summed over.
+    small_penalty: int = 200  # P1, for a disparity step of 1 px [summed cost].
+    large_penalty: int = 800  # P2, for a larger step [summed cost].
+    prefilter_cap: int = 0  # Clip of the horizontal derivative; 0 is OpenCV's default.
+
+    def __post_init__(self) -> None:
+        one_of("mode", self.mode, ("3way", "hh"))
+        _odd("block_px", self.block_px, 1, 21)
+        _whole("small_penalty", self.small_penalty, 0, 100_000)
+        _whole("large_penalty", self.large_penalty, 0, 100_000)
+        _whole("prefilter_cap", self.prefilter_cap, 0, 127)
+        if self.large_penalty <= self.small_penalty:
+            raise refuse(
+                "large_penalty", f"must be > small_penalty {self.small_penalty}",
+                self.large_penalty, "A larger jump has to cost more than a step.",
+            )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Block:
+    """OpenCV's StereoBM: sum of absolute differences over a block, the best one taken."""
+
+    block_px: int = 15  # Side of the block.
+    prefilter_cap: int = 31  # Clip of the horizontal derivative.
+
+    def __post_init__(self) -> None:
+        _odd("block_px", self.block_px, 5, 51)
+        _whole("prefilter_cap", self.prefilter_cap, 1, 63)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CensusSemiGlobal:
+    """Census + absolute difference, averaged over a square support, then scanlines.
+
+    Cost of a pixel pair = bits that differ in the census [bit] + weighted, clipped absolute
+    difference [bit]. It is averaged over the support; penalties are in bits too, so that they do
+    not depend on the support's size. Brightness is in DN on the scale of 8 bits, whatever the
+    image's depth. Source of the scheme: Mei et al. 2011, AD-Census; Hirschmueller 2008, SGM.
+    """
+
+    census_px: int = 9  # Side of the census window; every second pixel of it is compared.
+    presmooth_px: float = 0.6  # Standard deviation of the Gaussian before the census [px].
+    tolerance_dn: float = 0.4  # A neighbour counts as darker only by more than this [DN].
+    difference_weight: float = 0.5  # Cost of one DN of absolute difference [bit/DN].
+    difference_cap_dn: float = 8.0  # Differences count no further than this [DN].
+    support_px: int = 11  # Side of the square support.
+    small_penalty: float = 12.0  # P1, for a step of one disparity [bit].
+    large_penalty: float = 48.0  # P2, for a larger step [bit].
+
+    def __post_init__(self) -> None:
+        _odd("census_px", self.census_px, 3, 11)
+        in_interval("presmooth_px", self.presmooth_px, 0.0, 5.0)
+        in_interval("tolerance_dn", self.tolerance_dn, 0.0, 64.0)
+        in_interval("difference_weight", self.difference_weight, 0.0, 8.0)
+        in_interval("difference_cap_dn", self.difference_cap_dn, 0.0, 255.0)
+        _odd("support_px", self.support_px, 1, 15)
+        in_interval("small_penalty", self.small_penalty, 0.0, 100.0)
+        in_interval("large_penalty", self.large_penalty, 0.0, 100.0)
+        if self.large_penalty < self.small_penalty:
+            raise refuse(
+                "large_penalty", f"must be >= small_penalty {self.small_penalty:g}",
+                self.large_penalty, "A larger jump has to cost at least a step.",
+            )  # fmt: skip
+        if self.difference_weight * self.difference_cap_dn > 128:
+            raise refuse(
+                "difference_weight", "times difference_cap_dn must be <= 128 bit",
+                self.difference_weight * self.difference_cap_dn, "Lower either.",
+            )  # fmt: skip
+
+
+Engine = SemiGlobalBlock | Block | CensusSemiGlobal
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Refinement:
+    """What is done to the disparities after the winner is known. 0 or 1 px switches a step off."""
+
+    median_px: int = 0  # Side of the median filter on all winners: 0, 3 or 5.
+    smooth_px: int = 0  # Side of the window of the jump-preserving mean, odd or 0.
+    smooth_step_px: float = 2.0  # Neighbours further off than this stay out of the mean [px].
+    quantum_px: float = 0.0  # Disparities are rounded to multiples of this [px]; 0 = not at all.
+
+    def __post_init__(self) -> None:
+        if self.median_px not in (0, 3, 5):
+            raise refuse("median_px", "must be 0, 3 or 5", self.median_px, "0 switches it off.")
+        if self.smooth_px:
+            _odd("smooth_px", self.smooth_px, 1, 31)
+        in_interval("smooth_step_px", self.smooth_step_px, 0.0, 16.0)
+        in_interval("quantum_px", self.quantum_px, 0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Checks:
+    """What a match must pass. The neutral value of every check lets everything through."""
+
+    uniqueness: float = 0.0  # The second best must cost this much more [percent]; 0 = off.
+    left_right_px: float = 1024.0  # Largest difference of the two views' disparities [px].
+    texture_dn: float = 0.0  # Least standard deviation in the left window [DN of 8 bits]; 0 = off.
+    jump_px: float = 1024.0  # Largest range of disparities in 3x3 pixels [px].
+    speckle_count: int = 0  # Islands of up to so many pixels are removed; 0 = off.
+    speckle_step_px: float = 1.0  # Neighbours further apart than this are two islands [px].
+
+    def __post_init__(self) -> None:
+        in_interval("uniqueness", self.uniqueness, 0.0, 100.0)
+        in_interval("left_right_px", self.left_right_px, 0.0, 1024.0)
+        in_interval("texture_dn", self.texture_dn, 0.0, 255.0)
+        in_interval("jump_px", self.jump_px, 0.0, 1024.0)
+        _whole("speckle_count", self.speckle_count, 0, 1_000_000)
+        in_interval("speckle_step_px", self.speckle_step_px, 0.0, 64.0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Matcher:
+    """A whole matcher. Disparity = x_left - x_right is searched in [min, min + search - 1]."""
+
+    engine: Engine
+    min_disparity_px: int = 0  # The devices call it disparity shift.
+    search_px: int = 128  # Count of disparities, a multiple of 16 up to 256.
+    refinement: Refinement = field(default_factory=Refinement)
+    checks: Checks = field(default_factory=Checks)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.engine, Engine):
+            raise refuse(
+                "engine", "must be SemiGlobalBlock, Block or CensusSemiGlobal",
+                type(self.engine).__name__, "Build one from sim.matcher.",
+            )  # fmt: skip
+        _whole("min_disparity_px", self.min_disparity_px, 0, 512)
+        _whole("search_px", self.search_px, FIXED_POINT, 256)
+        if self.search_px % FIXED_POINT:
+            raise refuse(
+                "search_px", f"must be a multiple of {FIXED_POINT}", self.search_px, "Round it up."
+            )
+
+
+FAST = Matcher(
+    engine=SemiGlobalBlock(),
+    checks=Checks(
+        uniqueness=10.0, left_right_px=1.0, speckle_count=100, speckle_step_px=2.0
+    ),
+)  # fmt: skip
+"""OpenCV's semi-global matcher as everybody runs it: quick, and not what a device does."""
+
+D4XX = Matcher(
+    engine=CensusSemiGlobal(),
+    refinement=Refinement(median_px=5, smooth_px=13, smooth_step_px=2.0, quantum_px=1 / 32),
+    checks=Checks(
+        left_right_px=1.0, texture_dn=0.2, jump_px=3.0, speckle_count=100, speckle_step_px=1.0
+    ),
+)  # fmt: skip
+"""The RealSense D4 family's matcher, from its own infrared pairs: docs/decisions/0003-matcher.md.
+
+Search: 126 disparities in the device (librealsense issue 2885), 128 here, the ends refused.
+"""
+
+_NAMED = {"fast": FAST, "d4xx": D4XX}
+
+
+def names() -> tuple[str, ...]:
+    """Names that `named` knows, sorted."""
+    return tuple(sorted(_NAMED))
+
+
+def named(name: str) -> Matcher:
+    """The setting called `name`.
+
+    Raises:
+        InputError: if there is none; the message lists the known names.
+    """
+    one_of("matcher", name, _NAMED)
+    return _NAMED[name]

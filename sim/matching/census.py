@@ -1,0 +1,172 @@
+"""Census transform and the cost of every disparity: bits that differ + absolute difference."""
+
+from __future__ import annotations
+
+import cv2
+import numba as nb
+import numpy as np
+from numba import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+SUBLEVELS = 64  # Levels per DN of the 8-bit scale, so that smoothing keeps fractions of a DN.
+COST_SCALE = 32  # Levels per bit in the averaged cost: the sub-pixel fit needs the fractions.
+_u8, _u16, _u32, _u64 = np.uint8, np.uint16, np.uint32, np.uint64
+
+
+def levels(image: NDArray, *, presmooth_px: float) -> NDArray[np.uint16]:
+    """Bring an image to the matcher's fixed-point brightness, lightly smoothed.
+
+    Smoothing before rounding lends an 8-bit image levels between its DN, which dark areas need.
+
+    Args:
+        image: (h, w) uint8, or uint16 of 10 bits.
+        presmooth_px: standard deviation of the Gaussian [px]; 0 = none.
+
+    Returns:
+        (h, w) uint16, SUBLEVELS per DN of the 8-bit scale.
+    """
+    scale = SUBLEVELS if image.dtype == np.uint8 else SUBLEVELS / 4
+    scaled = image.astype(np.float32) * np.float32(scale)
+    if presmooth_px > 0:
+        scaled = cv2.GaussianBlur(scaled, (0, 0), presmooth_px, borderType=cv2.BORDER_REPLICATE)
+    return np.rint(scaled).astype(np.uint16)
+
+
+def offsets(census_px: int) -> NDArray[np.int64]:
+    """Pixels a census compares with its centre: the window's chequerboard, at most 64 of them.
+
+    Half the pixels of a 9x9 window keep its reach and fit one machine word; dense windows of the
+    same count reach less far and agree less with the device (docs/decisions/0003-matcher.md).
+
+    Returns:
+        (n, 2) offsets (dy, dx), in the order of the bits.
+    """
+    reach = census_px // 2
+    grid = [(y, x) for y in range(-reach, reach + 1) for x in range(-reach, reach + 1)]
+    return np.array([(y, x) for y, x in grid if (y + x) % 2 == 0 and (y, x) != (0, 0)])
+
+
+def census(level: NDArray[np.uint16], *, census_px: int, tolerance: int) -> NDArray[np.uint64]:
+    """One bit per compared neighbour: is it darker than the centre by more than `tolerance`?
+
+    With tolerance 0 the result does not change under any strictly rising change of brightness.
+
+    Args:
+        level: (h, w) brightness; the border is repeated outwards.
+        census_px: side of the window, odd, up to 11.
+        tolerance: in the levels of `level`, >= 0.
+
+    Returns:
+        (h, w) uint64, bit k = offset k of `offsets`.
+    """
+    reach = census_px // 2
+    padded = cv2.copyMakeBorder(level, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
+    return _census(padded, offsets(census_px) + reach, reach, np.int32(tolerance))
+
+
+@nb.njit(parallel=True, cache=True)
+def _census(padded, taps, reach, tolerance):  # pragma: no cover - compiled
+    h, w = padded.shape[0] - 2 * reach, padded.shape[1] - 2 * reach
+    out = np.zeros((h, w), np.uint64)
+    for y in nb.prange(h):
+        for k in range(len(taps)):
+            row = padded[y + taps[k, 0], taps[k, 1] : taps[k, 1] + w]
+            centre = padded[y + reach, reach : reach + w]
+            bit = _u64(_u64(1) << _u64(k))
+            for x in range(w):
+                darker = np.int32(row[x]) + tolerance < np.int32(centre[x])
+                out[y, x] |= bit if darker else _u64(0)
+    return out
+
+
+@intrinsic
+def _popcount(typing_context, word):
+    """Count the set bits of a uint64: the processor's own instruction."""
+    if word != types.uint64:
+        return None
+
+    def generate(context, builder, signature, arguments):
+        return builder.ctpop(arguments[0])
+
+    return types.uint64(types.uint64), generate
+
+
+@nb.njit(inline="always")
+def _cost_row(bits, bits_r, dn, dn_r, pad, weight, cap, out):  # pragma: no cover - compiled
+    """Cost of every disparity in one row; the right row is mirrored and padded by `pad`."""
+    w, search = out.shape
+    for x in range(w):
+        start = w - 1 - x + pad
+        mine, level = bits[x], dn[x]
+        theirs, levels_r = bits_r[start : start + search], dn_r[start : start + search]
+        row = out[x]
+        for d in range(search):
+            other = levels_r[d]
+            step = _u16(level - other) if level > other else _u16(other - level)
+            step = min(step, cap)
+            differing = _u16(_popcount(mine ^ theirs[d]))
+            row[d] = _u8(differing + _u16(_u16(step * weight) >> _u16(4)))
+
+
+@nb.njit(parallel=True, cache=True)
+def support_cost(
+    bits, bits_r, dn, dn_r, pad, search, weight, cap, reach, bands
+):  # pragma: no cover - compiled
+    """Average the cost over a square of side 2 * reach + 1; rows and columns repeat outwards.
+
+    Bands of rows are independent; each keeps only the rows its window spans.
+
+    Args:
+        bits, dn: (h, w) census and brightness [DN] of the left image, uint64 and uint8.
+        bits_r, dn_r: (h, w + pad + search) the right image's, mirrored, last column repeated.
+        pad: smallest disparity [px]. search: count of disparities.
+        weight: 1/16 bit per DN. cap: largest difference [DN].
+        reach: half side of the support. bands: count of bands.
+
+    Returns:
+        (h, w, search) uint16, COST_SCALE per bit.
+    """
+    h, w = bits.shape
+    side = 2 * reach + 1
+    scale = _u32((COST_SCALE << 16) // (side * side))
+    out = np.empty((h, w, search), np.uint16)
+    for band in nb.prange(bands):
+        first, last = band * h // bands, (band + 1) * h // bands
+        ring = np.zeros((side, w, search), np.uint8)
+        column = np.zeros((w, search), np.uint16)
+        run = np.zeros(search, np.uint16)
+        for y in range(first - reach, last + reach):
+            row = ring[(y - first + reach) % side]
+            for x in range(w):
+                for d in range(search):
+                    column[x, d] = _u16(column[x, d] - row[x, d])
+            source = min(max(y, 0), h - 1)
+            _cost_row(bits[source], bits_r[source], dn[source], dn_r[source], pad, weight, cap, row)
+            for x in range(w):
+                for d in range(search):
+                    column[x, d] = _u16(column[x, d] + row[x, d])
+            if y - reach < first:
+                continue
+            run[:] = 0
+            for k in range(-reach, reach + 1):
+                edge = column[min(max(k, 0), w - 1)]
+                for d in range(search):
+                    run[d] = _u16(run[d] + edge[d])
+            for x in range(w):
+                target, ahead = out[y - reach, x], column[min(x + reach + 1, w - 1)]
+                behind = column[max(x - reach, 0)]
+                for d in range(search):
+                    target[d] = _u16(_u32(_u32(run[d]) * scale) >> _u32(16))
+                    run[d] = _u16(_u16(run[d] + ahead[d]) - behind[d])
+    return out
+
+
+def mirrored(rows: NDArray, *, pad: int) -> NDArray:
+    """Mirror the right image's rows and repeat the (now last) left column `pad` times.
+
+    Mirrored, the pixels of rising disparity lie one after the other in memory. The padding gives
+    disparities that point left of the image a cost like any other, so the border is no artefact.
+    """
+    flipped = rows[:, ::-1]
+    return np.ascontiguousarray(np.pad(flipped, ((0, 0), (0, pad)), mode="edge"))

@@ -1,0 +1,149 @@
+"""Semi-global selection on a cost volume: five scanline paths, the winner, and the right view.
+
+Paths: from the left, from the right, and down from above (straight and both diagonals). None comes
+from below: a camera's matcher reads rows as they arrive, and the captures show it (near edges
+lean down by 1 to 2 px, docs/decisions/0003-matcher.md). Source: Hirschmueller 2008, TPAMI 30(2).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+_u16, _u32 = np.uint16, np.uint32
+_WALL = 40_000  # Cost outside the searched range: above any real one, far from overflow.
+_CHUNKS = 4  # Columns of one row are swept in so many pieces at a time.
+
+
+class Winners(NamedTuple):
+    """What the selection found, all (h, w)."""
+
+    index: NDArray[np.int16]  # Best disparity's place in the search, 0 ... search - 1.
+    offset: NDArray[np.float32]  # Sub-pixel part from the support's cost, in [-1, 1] px.
+    right_index: NDArray[np.int16]  # The same for the right view, -1 where nothing maps.
+    margin_pct: NDArray[np.float32]  # How much more the second best costs [percent of best].
+
+
+@nb.njit(inline="always")
+def _advance(before, floor, cost, now, total, p1, p2):  # pragma: no cover - compiled
+    """One pixel along one path: fill `now`, add it to `total`, return the least of `now`."""
+    search = cost.shape[0]
+    jump = _u16(floor + p2)
+    least = _u16(65535)
+    for d in range(search):
+        step = min(_u16(before[d] + p1), _u16(before[d + 2] + p1))
+        best = min(min(before[d + 1], step), jump)
+        value = _u16(_u16(best - floor) + cost[d])
+        now[d + 1] = value
+        total[d] = _u16(total[d] + value)
+        least = min(least, value)
+    return least
+
+
+@nb.njit(parallel=True, cache=True)
+def sweep_sideways(cost, p1, p2):  # pragma: no cover - compiled
+    """Sum of the two horizontal paths' costs, (h, w, search) uint16."""
+    h, w, search = cost.shape
+    total = np.empty((h, w, search), np.uint16)
+    for y in nb.prange(h):
+        a = np.full(search + 2, _WALL, np.uint16)
+        b = np.full(search + 2, _WALL, np.uint16)
+        total[y] = 0
+        for leftward in range(2):
+            a[1 : search + 1] = 0
+            floor = _u16(0)
+            for i in range(w):
+                x = w - 1 - i if leftward else i
+                floor = _advance(a, floor, cost[y, x], b, total[y, x], p1, p2)
+                a, b = b, a
+    return total
+
+
+@nb.njit(parallel=True, cache=True)
+def sweep_down(cost, total, p1, p2):  # pragma: no cover - compiled
+    """Add the three downward paths' costs to `total` in place (straight, and both diagonals)."""
+    h, w, search = cost.shape
+    # State of each path along a row, one column of margin either side: path, column, disparity.
+    above = np.full((3, w + 2, search + 2), _WALL, np.uint16)
+    here = np.full((3, w + 2, search + 2), _WALL, np.uint16)
+    above[:, :, 1 : search + 1] = 0
+    here[:, 0, 1 : search + 1] = 0
+    here[:, w + 1, 1 : search + 1] = 0
+    floor_above = np.zeros((3, w + 2), np.uint16)
+    floor_here = np.zeros((3, w + 2), np.uint16)
+    for y in range(h):
+        for chunk in nb.prange(_CHUNKS):
+            for x in range(chunk * w // _CHUNKS, (chunk + 1) * w // _CHUNKS):
+                for path in range(3):
+                    source = x + path  # Columns x - 1, x, x + 1 of the row above.
+                    floor_here[path, x + 1] = _advance(
+                        above[path, source], floor_above[path, source], cost[y, x],
+                        here[path, x + 1], total[y, x], p1, p2,
+                    )  # fmt: skip
+        above, here = here, above
+        floor_above, floor_here = floor_here, floor_above
+
+
+@nb.njit(inline="always")
+def _parabola(below, at, above):  # pragma: no cover - compiled
+    """Vertex of the parabola through three costs, in [-1, 1] px from the middle."""
+    bend = np.int64(below) + np.int64(above) - 2 * np.int64(at)
+    if bend <= 0:
+        return 0.0
+    return min(1.0, max(-1.0, (np.int64(below) - np.int64(above)) / (2.0 * bend)))
+
+
+@nb.njit(parallel=True, cache=True)
+def _select(total, cost, index, offset, right, margin, shift):  # pragma: no cover - compiled
+    h, w, search = total.shape
+    for y in nb.prange(h):
+        # Cost and index in one number, so that the least number names the lowest best index.
+        best_right = np.full(w + shift + search, _u32(0xFFFFFFFF), np.uint32)
+        for x in range(w):
+            row = total[y, x]
+            mirror = best_right[w - 1 - x + shift : w - 1 - x + shift + search]
+            least = _u32(0xFFFFFFFF)
+            for d in range(search):
+                key = _u32((_u32(row[d]) << _u32(8)) | _u32(d))
+                least = min(least, key)
+                mirror[d] = min(mirror[d], key)
+            best = np.int64(least & _u32(255))
+            second = _u16(65535)
+            for d in range(best - 1):
+                second = min(second, row[d])
+            for d in range(best + 2, search):
+                second = min(second, row[d])
+            index[y, x] = best
+            lowest = np.float32(max(row[best], _u16(1)))
+            margin[y, x] = np.float32(100.0) * (np.float32(second) / lowest - np.float32(1.0))
+            if 0 < best < search - 1:
+                fine = cost[y, x]
+                offset[y, x] = _parabola(fine[best - 1], fine[best], fine[best + 1])
+        for x in range(w):
+            key = best_right[w - 1 - x]
+            right[y, x] = -1 if key == _u32(0xFFFFFFFF) else np.int16(key & _u32(255))
+
+
+def select(cost: NDArray[np.uint16], *, p1: int, p2: int, shift: int) -> Winners:
+    """Choose the disparity of every pixel, seen from the left and from the right.
+
+    The right view's winner is the least total along the volume's diagonal: no second matching.
+    The sub-pixel part is fitted to the support's own cost, because the summed paths' cost is bent
+    by the penalties and pulls towards whole pixels.
+
+    Args:
+        cost: (h, w, search) support cost.
+        p1, p2: penalties in the cost's unit. shift: smallest disparity [px].
+    """
+    h, w, _ = cost.shape
+    total = sweep_sideways(cost, _u16(p1), _u16(p2))
+    sweep_down(cost, total, _u16(p1), _u16(p2))
+    found = Winners(
+        np.zeros((h, w), np.int16), np.zeros((h, w), np.float32),
+        np.full((h, w), -1, np.int16), np.zeros((h, w), np.float32),
+    )  # fmt: skip
+    _select(total, cost, found.index, found.offset, found.right_index, found.margin_pct, shift)
+    return found

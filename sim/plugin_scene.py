@@ -1,0 +1,85 @@
+"""A stage lit and seen by Mitsuba's own plugins: its projector emitter, its perspective sensor."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sim import backend, frames
+from sim.frames import Pose
+from sim.layers import Image
+from sim.sensor import Sensor
+from sim.stage import Stage, grey_bitmap
+
+
+def lit(stage: Stage, sensor: Sensor, irradiance: Image) -> Any:
+    """The stage's shapes with the projector as an emitter (a Mitsuba scene).
+
+    Mitsuba's `projector` makes radiance rho, not rho / pi, of irradiance 1: hence the pi.
+
+    Args:
+        stage: the shapes.
+        sensor: whose projector poses the emitter.
+        irradiance: (h, w) on the plane at unit distance over its field [W m^-2].
+    """
+    mi = backend.mitsuba()
+    part = sensor.projector
+    place = frames.pose(part.position_m, part.rotation_deg)
+    emitter = {
+        "type": "projector",
+        "irradiance": grey_bitmap(irradiance / np.float32(np.pi)),
+        "fov": part.fov_x_deg,
+        "fov_axis": "x",
+        "to_world": _transform(stage.scene.world_from_left @ place),
+    }
+    shapes = {f"body_{i:04d}": shape for i, shape in enumerate(stage.shapes)}
+    return mi.load_dict({"type": "scene", "projector": emitter, **shapes})
+
+
+def camera(
+    sensor: Sensor, world_from_camera: Pose, *, sampler: dict[str, Any], shrink: int = 1
+) -> Any:
+    """One imager as a Mitsuba sensor with a box filter.
+
+    Args:
+        sensor: whose intrinsics it has.
+        world_from_camera: OpenCV pose.
+        sampler: `fixed(n)` for n x n fixed positions a pixel, or another of Mitsuba's.
+        shrink: render an image smaller by this factor; it sees the same field.
+    """
+    mi = backend.mitsuba()
+    offset_x, offset_y = frames.principal_point_offset(
+        sensor.cx_px, sensor.cy_px, sensor.width, sensor.height
+    )
+    return mi.load_dict(
+        {
+            "type": "perspective",
+            "fov": float(np.rad2deg(2 * np.arctan(sensor.width / (2 * sensor.fx_px)))),
+            "fov_axis": "x",
+            "principal_point_offset_x": offset_x,
+            "principal_point_offset_y": offset_y,
+            "near_clip": 1e-3,
+            "far_clip": 1e4,
+            "to_world": _transform(world_from_camera),
+            "film": {
+                "type": "hdrfilm",
+                "width": sensor.width // shrink,
+                "height": sensor.height // shrink,
+                "rfilter": {"type": "box"},
+                "pixel_format": "luminance",
+                "component_format": "float32",
+            },
+            "sampler": sampler,
+        }
+    )
+
+
+def fixed(subpixels: int) -> dict[str, Any]:
+    """Sampler of n x n fixed positions a pixel, the same in every pixel and for every seed."""
+    return {"type": "stratified", "sample_count": subpixels**2, "jitter": False}
+
+
+def _transform(world_from_part: Pose) -> Any:
+    mi = backend.mitsuba()
+    return mi.ScalarTransform4f(frames.mitsuba_to_world(world_from_part))

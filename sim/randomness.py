@@ -1,0 +1,13 @@
+"""One seed a capture, split so that adding an effect does not reshuffle another."""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+
+
+def generator(seed: int, frame: int, stage: str, effect: str) -> np.random.Generator:
+    """Generator of one effect in one frame; equal arguments give equal numbers."""
+    words = [seed, frame, zlib.crc32(stage.encode()), zlib.crc32(effect.encode())]
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(words)))

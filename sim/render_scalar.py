@@ -1,0 +1,109 @@
+"""The layers of `sim.render` made with Mitsuba's own integrators, for want of a compiler.
+
+Slow, and a second opinion: where both run, they agree (a test holds them together). Shadows are
+cast from the surface, so a noisy surface may shadow itself here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim import backend, frames, plugin_scene, projector
+from sim.frames import Pose
+from sim.layers import Layers, Mask, Truth, View
+from sim.sensor import Sensor
+from sim.stage import Stage
+
+_AOVS = "p:position,n:sh_normal,a:albedo,i:shape_index"
+
+
+def layers(stage: Stage, sensor: Sensor, *, subpixels: int) -> Layers:
+    """As `sim.render.layers`, in any variant."""
+    left = stage.scene.world_from_left
+    right = left @ frames.pose((sensor.baseline_m, 0.0, 0.0))
+    lit = plugin_scene.lit(stage, sensor, projector.irradiance_at_unit_distance(sensor.projector))
+    seen_left, seen_right = (_Seen(stage, sensor, pose) for pose in (left, right))
+    return Layers(
+        left=_view(stage, sensor, lit, left, seen_left, subpixels),
+        right=_view(stage, sensor, lit, right, seen_right, subpixels),
+        truth=_truth(stage, sensor, seen_left),
+    )
+
+
+class _Seen:
+    """What the pixel centres of one imager see, each (h, w) or (h, w, 3)."""
+
+    def __init__(self, stage: Stage, sensor: Sensor, world_from_camera: Pose) -> None:
+        mi = backend.mitsuba()
+        camera = plugin_scene.camera(sensor, world_from_camera, sampler=plugin_scene.fixed(1))
+        integrator = mi.load_dict({"type": "aov", "aovs": _AOVS})
+        image = np.array(mi.render(stage.mitsuba, sensor=camera, integrator=integrator, spp=1))
+        self.point, normal = image[..., 0:3].astype(np.float64), image[..., 3:6]
+        self.albedo = np.minimum(image[..., 6], 1)
+        self.hit = np.linalg.norm(normal, axis=-1) > 0.5
+        self.body = np.where(self.hit, np.rint(image[..., -1]), 0).astype(np.uint32)
+        away = self.point - world_from_camera[:3, 3]
+        facing = np.einsum("ijk,ijk->ij", normal, away) > 0
+        self.normal = np.where(facing[..., None], -normal, normal)
+
+
+def _view(stage: Stage, sensor: Sensor, lit: Any, pose: Pose, seen: _Seen, subpixels: int) -> View:
+    mi = backend.mitsuba()
+    integrator = mi.load_dict(
+        {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, "hide_emitters": True}
+    )
+    camera = plugin_scene.camera(sensor, pose, sampler=plugin_scene.fixed(subpixels))
+    image = np.array(mi.render(lit, sensor=camera, integrator=integrator, spp=subpixels**2))
+    ambient = stage.scene.ambient
+    tilt = seen.normal @ np.asarray(ambient.up) * (2 / 3 * ambient.gradient)
+    level = ambient.irradiance_w_m2 / np.pi
+    return View(
+        projector_direct=np.ascontiguousarray(image[..., 0], np.float32),
+        projector_indirect=np.zeros(image.shape[:2], np.float32),
+        ambient=np.where(seen.hit, seen.albedo * level * (1 + tilt), 0).astype(np.float32),
+    )
+
+
+def _truth(stage: Stage, sensor: Sensor, seen: _Seen) -> Truth:
+    left = stage.scene.world_from_left
+    part = sensor.projector
+    light = left @ frames.pose(part.position_m, part.rotation_deg)
+    local_left, local_light = _local(seen.point, left), _local(seen.point, light)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.abs(local_light[..., :2] / local_light[..., 2:])
+        column = sensor.fx_px * (local_left[..., 0] - sensor.baseline_m) / local_left[..., 2]
+    column = column + sensor.cx_px
+    in_field = (slope <= projector.half_tangents(part)).all(axis=-1) & (local_light[..., 2] > 0)
+    in_image = (column >= -0.5) & (column <= sensor.width - 0.5)
+    right_eye = (left @ frames.pose((sensor.baseline_m, 0.0, 0.0)))[:3, 3]
+    missing = np.float32(np.nan)
+    normal = (seen.normal @ left[:3, :3]).astype(np.float32)
+    return Truth(
+        depth_m=np.where(seen.hit, local_left[..., 2], missing).astype(np.float32),
+        normal=np.where(seen.hit[..., None], normal, missing),
+        material=seen.body,
+        right_sees=_clear(stage, right_eye, seen.point, seen.hit & in_image),
+        lit=_clear(stage, light[:3, 3], seen.point, seen.hit & in_field),
+    )
+
+
+def _local(point: NDArray[np.float64], world_from_part: Pose) -> NDArray[np.float64]:
+    return (point - world_from_part[:3, 3]) @ world_from_part[:3, :3]
+
+
+def _clear(stage: Stage, origin: NDArray, point: NDArray[np.float64], active: Mask) -> Mask:
+    """Whether the way from the origin is free, up to the scene's tolerance, ray by ray."""
+    mi = backend.mitsuba()
+    free = np.zeros(active.shape, bool)
+    start = mi.ScalarPoint3f(origin)
+    share = 1 - stage.scene.shadow_tolerance
+    for row, column in np.argwhere(active):
+        way = point[row, column] - origin
+        distance = float(np.linalg.norm(way))
+        ray = mi.Ray3f(start, mi.ScalarVector3f(way / distance))
+        ray.maxt = distance * share
+        free[row, column] = not stage.mitsuba.ray_test(ray)
+    return free

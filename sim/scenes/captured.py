@@ -1,0 +1,96 @@
+"""A real capture as a scene: its reference depth as surface, its infrared as reflectance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from patterns import errors
+from sim.capture import open_set
+from sim.depth import disparity_from_depth
+from sim.scene import Ambient, Body, Material, Scene
+from sim.scenes import depth_mesh, dots_off
+
+Array = NDArray[np.float32]
+
+_MEAN_REFLECTANCE = 0.5  # Assumed: brightness alone cannot tell light from reflectance.
+# Makes the D415 preset's dots modulate the light by 0.1 to 0.35, as measured in lit rooms.
+_LIT_ROOM_W_M2 = 0.4
+_MARGIN_PX = 128  # Beyond the image, for what only the right imager sees.
+
+
+def load(path: Path) -> Scene:
+    """Turn one scene of a capture set into a scene to simulate.
+
+    The infrared image is the reflectance estimate: projector off where that was captured, else
+    the image with its dots subtracted (`sim.scenes.dots_off`).
+
+    Raises:
+        InputError: if the folder is no scene of a capture set, or has no reference depth or no
+            infrared image.
+    """
+    captures = open_set(path)
+    if len(captures.scenes) != 1:
+        raise errors.refuse(
+            "scene", "must be one scene of a capture set", path, "Name one of its folders."
+        )
+    scene, info = captures.scenes[0], captures.info
+    truth = scene.truth_m()
+    frame = scene.frame(scene.frames[0])
+    lit = frame.ir_left if frame.ir_left_off is None else frame.ir_left_off
+    if truth is None or lit is None:
+        raise errors.refuse(
+            "scene", "must have truth.png and ir_left.png", path, "Choose a scene with both."
+        )
+    disparity = disparity_from_depth(truth, focal_px=info.fx_px, baseline_m=info.baseline_m)
+    surface = _widened(depth_mesh.smoothed(depth_mesh.closed(disparity)))
+    albedo = np.pad(
+        _reflectance(lit, info.black_level_dn or 0.0, dots=frame.ir_left_off is None),
+        ((0, 0), (_MARGIN_PX, _MARGIN_PX)),
+        mode="reflect",
+    )
+    intrinsics = np.array(
+        [[info.fx_px, 0, info.cx_px + _MARGIN_PX], [0, info.fy_px, info.cy_px], [0, 0, 1]]
+    )
+    focal_baseline = info.fx_px * info.baseline_m
+    hidden, source = depth_mesh.behind(surface)
+    soft = cv2.blur(albedo, (9, 9))
+    bodies = [
+        Body(
+            name="surface",
+            mesh=depth_mesh.triangles(surface, intrinsics, focal_baseline),
+            material=Material(name="as seen"),
+            texture=albedo,
+        )
+    ]
+    if np.isfinite(hidden).any():
+        bodies.append(
+            Body(
+                name="surface behind",
+                mesh=depth_mesh.triangles(hidden, intrinsics, focal_baseline),
+                material=Material(name="as seen"),
+                texture=soft.ravel()[source],
+            )
+        )
+    return Scene(
+        name=scene.name,
+        bodies=tuple(bodies),
+        ambient=Ambient(irradiance_w_m2=_LIT_ROOM_W_M2, gradient=0.0),  # Its shading is in the reflectance estimate already.
+        shadow_tolerance=0.01,
+    )
+
+
+def _widened(disparity: Array) -> Array:
+    return np.pad(disparity, ((0, 0), (_MARGIN_PX, _MARGIN_PX)), mode="edge")
+
+
+def _reflectance(infrared: NDArray, black_level_dn: float, *, dots: bool) -> Array:
+    """Estimate reflectance (h, w) from an infrared image, up to an assumed mean."""
+    level = np.maximum(infrared.astype(np.float32) - np.float32(black_level_dn), 0)
+    if dots:
+        level = np.maximum(dots_off.removed(level), 0)
+    scale = _MEAN_REFLECTANCE / max(float(level.mean()), 1e-6)
+    return np.clip(level * np.float32(scale), 0.01, 0.95).astype(np.float32)

@@ -1,0 +1,129 @@
+"""A scene and a sensor in; infrared pair, depth and a reason for every missing pixel out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from patterns import errors
+from sim import imager, optics, randomness, reference, render
+from sim.depth import DepthMap, disparity_from_depth, measure
+from sim.layers import Image, Layers, Mask, Truth
+from sim.reason import Reason
+from sim.scene import Scene
+from sim.sensor import Imager, Sensor
+from sim.stage import Stage
+
+Infrared = NDArray[np.uint8] | NDArray[np.uint16]
+
+_WINDOW_PX = 9  # The window in which a matcher needs light.
+_DARK_SNR = 2.0  # Below this mean signal over noise a window is dark.
+_BURNT_SHARE = 0.25  # Above this share of pixels at the ceiling a window is saturated.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Shot:
+    """One simulated reading of a sensor."""
+
+    layers: Layers
+    ir_left: Infrared
+    ir_right: Infrared
+    depth: DepthMap
+    exposure_s: float
+    gain: float
+
+
+def simulate(
+    scene: Scene | Stage, sensor: Sensor, *, seed: int = 0, frame: int = 0, samples: int = 0
+) -> Shot:
+    """Simulate one reading.
+
+    Args:
+        scene: what is seen; give a `Stage` to use one scene many times.
+        sensor: what sees it.
+        seed: of the capture; equal seeds give equal bits on one machine.
+        frame: number in a capture of several frames; each has its own noise.
+        samples: paths a pixel of indirect light; 0 leaves it out.
+
+    Raises:
+        InputError: if `samples` is negative or the scene cannot be loaded.
+    """
+    errors.in_interval("samples", samples, 0, 4096, "0 leaves indirect light out.")
+    errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
+    stage = scene if isinstance(scene, Stage) else Stage(scene)
+    layers = render.layers(stage, sensor)
+    if samples:
+        from sim import indirect
+
+        layers = indirect.add(layers, stage, sensor, samples=samples, seed=seed)
+    return expose(layers, sensor, seed=seed, frame=frame)
+
+
+def expose(layers: Layers, sensor: Sensor, *, seed: int = 0, frame: int = 0) -> Shot:
+    """Turn rendered layers into a reading; nothing is rendered again.
+
+    Args:
+        layers: of this sensor's geometry and projector.
+        sensor: whose optics, imagers, matcher and post-processing act.
+        seed: of the capture.
+        frame: number in the capture.
+    """
+    wavelength = sensor.projector.wavelength_nm
+    left = optics.blur(layers.left.radiance, sensor.left.blur_px)
+    exposure = imager.control(sensor.left, left, wavelength)
+    electrons = imager.mean_electrons(sensor.left, left, wavelength, exposure)
+    ir_left = imager.read_out(
+        sensor.left, electrons, randomness.generator(seed, frame, "imager", "noise left")
+    )
+    if sensor.kind == "structured_light":
+        ir_right = reference.image(sensor)
+    else:
+        right = optics.blur(layers.right.radiance, sensor.right.blur_px)
+        ir_right = imager.read_out(
+            sensor.right,
+            imager.mean_electrons(sensor.right, right, wavelength, exposure),
+            randomness.generator(seed, frame, "imager", "noise right"),
+        )
+    causes = _geometric_causes(layers.truth, sensor) | _photometric_causes(
+        sensor.left, electrons, ir_left
+    )
+    return Shot(
+        layers=layers,
+        ir_left=ir_left,
+        ir_right=ir_right,
+        depth=measure(ir_left, ir_right, sensor, causes=causes),
+        exposure_s=exposure.exposure_s,
+        gain=exposure.gain,
+    )
+
+
+def _geometric_causes(truth: Truth, sensor: Sensor) -> dict[Reason, Mask]:
+    """Causes that follow from where things are."""
+    surface = np.isfinite(truth.depth_m)
+    disparity = disparity_from_depth(
+        truth.depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
+    )
+    column = np.arange(sensor.width, dtype=np.float32)
+    outside = surface & (column - disparity < -0.5)
+    return {
+        Reason.NO_SURFACE: ~surface,
+        Reason.OUTSIDE_OVERLAP: outside,
+        Reason.OCCLUDED: surface & ~truth.right_sees & ~outside,
+        Reason.SHADOWED: surface & ~truth.lit & (sensor.projector.power_w > 0),
+    }
+
+
+def _photometric_causes(part: Imager, electrons: Image, infrared: Infrared) -> dict[Reason, Mask]:
+    """Causes that follow from how much light there is."""
+    window = (_WINDOW_PX, _WINDOW_PX)
+    mean = cv2.blur(electrons, window)
+    step_e = 1 / part.dn_per_electron
+    noise = np.sqrt(imager.noise_e(part, mean) ** 2 + np.float32(step_e * step_e / 12))
+    burnt = (infrared >= part.ceiling_dn).astype(np.float32)
+    return {
+        Reason.LOW_SIGNAL: mean < _DARK_SNR * noise,
+        Reason.SATURATED: cv2.blur(burnt, window) > _BURNT_SHARE,
+    }
