@@ -7,19 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from patterns import errors
-from sim import progress
+from sim import metrics, progress
 from sim.capture import CapturedScene, CaptureSet, Frame
 from sim.depth import disparity_from_depth
 from sim.dots import dot_contrast
-
-_LEFT_BAND_PX = 128  # Left of it a matcher has no search range; the band is no fault of a scene.
-_EDGE_PX = 2  # Reference depth is unreliable this close to its own edges.
-_EDGE_STEP_PX = 1.0  # A step of disparity between neighbours that counts as an edge.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -119,10 +114,10 @@ def _compare_scene(real: CapturedScene, sim: CapturedScene) -> dict[str, dict[st
         _Reading(scene=scene, frame=scene.frame(scene.frames[0]), truth_m=scene.truth_m())
         for scene in (real, sim)
     )
-    asked = _asked(a)
+    reached = _reached(a)
     values = {
-        "ndp_rate": (_ndp_rate(a, asked), _ndp_rate(b, asked)),
-        "ndp_iou": (1.0, _ndp_iou(a, b, asked)),
+        "ndp_rate": (_ndp_rate(a, reached), _ndp_rate(b, reached)),
+        "ndp_iou": (1.0, _ndp_iou(a, b, reached)),
         "nmad_px": (_nmad_px(a), _nmad_px(b)),
         "dot_contrast": (_contrast(a), _contrast(b)),
         "mean_dn": (_mean_dn(a), _mean_dn(b)),
@@ -149,50 +144,30 @@ def _side_by_side(real: float, sim: float) -> dict[str, float]:
     return {"real": real, "sim": sim, "gap": sim - real}
 
 
-def _asked(reading: _Reading) -> NDArray[np.bool_]:
-    """Mask (h, w) of the pixels whose NDP count."""
-    asked = np.ones(reading.scene.info.shape, bool)
-    if reading.truth_m is not None:
-        asked = np.isfinite(reading.truth_m)
-    asked[:, :_LEFT_BAND_PX] = False
-    return asked
+def _reached(reading: _Reading) -> NDArray[np.bool_]:
+    """Mask (h, w) of the pixels whose NDP count: all with a search range where truth is unknown."""
+    truth = reading.truth_px
+    return metrics.reached_pixels(np.zeros(reading.scene.info.shape) if truth is None else truth)
 
 
-def _ndp_rate(reading: _Reading, asked: NDArray[np.bool_]) -> float:
-    if reading.frame.depth_m is None or not asked.any():
+def _ndp_rate(reading: _Reading, reached: NDArray[np.bool_]) -> float:
+    if reading.frame.depth_m is None or not reached.any():
         return math.nan
-    return float(np.isnan(reading.frame.depth_m[asked]).mean())
+    return float(np.isnan(reading.frame.depth_m[reached]).mean())
 
 
-def _ndp_iou(a: _Reading, b: _Reading, asked: NDArray[np.bool_]) -> float:
+def _ndp_iou(a: _Reading, b: _Reading, reached: NDArray[np.bool_]) -> float:
     if a.frame.depth_m is None or b.frame.depth_m is None:
         return math.nan
-    first, second = np.isnan(a.frame.depth_m)[asked], np.isnan(b.frame.depth_m)[asked]
-    union = int((first | second).sum())
-    return float((first & second).sum() / union) if union else math.nan
+    return metrics.hole_overlap(a.frame.depth_m, b.frame.depth_m, reached)
 
 
 def _nmad_px(reading: _Reading) -> float:
     found, true = reading.disparity_px, reading.truth_px
     if found is None or true is None:
         return math.nan
-    error = (found - true)[_asked(reading) & ~_near_edges(true)]
-    error = error[np.isfinite(error)]
-    if error.size == 0:
-        return math.nan
-    return float(1.4826 * np.median(np.abs(error - np.median(error))))
-
-
-def _near_edges(disparity_px: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Mask (h, w) of the pixels near a step of disparity."""
-    step = np.zeros(disparity_px.shape, bool)
-    for axis in (0, 1):
-        jump = np.abs(np.diff(disparity_px, axis=axis)) > _EDGE_STEP_PX
-        before, after = (slice(None, -1), slice(1, None))
-        step[(before, slice(None)) if axis == 0 else (slice(None), before)] |= jump
-        step[(after, slice(None)) if axis == 0 else (slice(None), after)] |= jump
-    size = 2 * _EDGE_PX + 1
-    return cv2.dilate(step.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    scored = metrics.scored_pixels(true)
+    return metrics.disparity_figures(found, true, scored).nmad_px if scored.any() else math.nan
 
 
 def _contrast(reading: _Reading) -> float:

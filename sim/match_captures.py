@@ -15,6 +15,8 @@ from sim.capture import CapturedScene
 from sim.output import OutputFolder
 from sim.sensor import Sensor
 
+_Map = NDArray[np.float32]  # (h, w), NaN = none.
+
 
 def match_captures(
     captures: str,
@@ -36,15 +38,14 @@ def match_captures(
     Returns:
         `{"scenes": {NAME: {"ours": F, "device": F, "agreement": F}}, "median": {...}}`, F as
         `sim.metrics.disparity_figures` defines it; ours and the device's against the truth,
-        agreement is ours against the device's. What cannot be had (no truth, no device depth)
-        is NaN.
+        agreement is ours against the device's, and it alone has `ndp_iou`. What cannot be had
+        (no truth, no device depth) is None.
 
     Raises:
         InputError: captures that cannot be read or have no infrared pair, or a folder that
             cannot be written.
     """
     scenes = capture.open_set(captures).scenes
-    found: dict[str, depth.DepthMap] = {}
     figures: dict[str, Any] = {}
     if out is None:
         for scene in tell(scenes, "match"):
@@ -54,7 +55,7 @@ def match_captures(
         for scene in tell(scenes, "match"):
             found = _match(scene, sensor)
             figures[scene.name] = _figures(scene, found)
-            _write(folder, scene, found, sensor)
+            _write(folder, scene, found)
         result = {"scenes": figures, "median": _medians(figures)}
         capture_writer.write_set(
             folder,
@@ -77,3 +78,68 @@ def _match(scene: CapturedScene, sensor: Sensor) -> depth.DepthMap:
             "Matching needs an infrared pair.",
         )
     return depth.measure(frame.ir_left, frame.ir_right, sensor, causes={})
+
+
+def _figures(scene: CapturedScene, ours: depth.DepthMap) -> dict[str, dict[str, float | None]]:
+    """Measure one scene; without truth, the device's own map says where its edges are."""
+    device = _disparity(scene, scene.frame(scene.frames[0]).depth_m)
+    truth = _disparity(scene, scene.truth_m())
+    known = device if truth is None else truth
+    holes = None if known is None else metrics.reached_pixels(known)
+    return {
+        "ours": _compare(ours.disparity_px, truth, known),
+        "device": _compare(device, truth, known),
+        "agreement": _compare(ours.disparity_px, device, known, holes_where=holes),
+    }
+
+
+def _compare(
+    found: _Map | None,
+    reference: _Map | None,
+    known: _Map | None,
+    *,
+    holes_where: NDArray[np.bool_] | None = None,
+) -> dict[str, float | None]:
+    """One F: all None where a map is missing or no pixel counts."""
+    nothing = dict.fromkeys(field.name for field in dataclasses.fields(metrics.DisparityFigures))
+    if found is None or reference is None or known is None:
+        return nothing
+    scored = metrics.scored_pixels(known)
+    if not scored.any():
+        return nothing
+    holes = None if holes_where is None else reference
+    return dataclasses.asdict(
+        metrics.disparity_figures(
+            found, reference, scored, holes_of_px=holes, holes_where=holes_where
+        )
+    )
+
+
+def _disparity(scene: CapturedScene, depth_m: _Map | None) -> _Map | None:
+    if depth_m is None:
+        return None
+    info = scene.info
+    return depth.disparity_from_depth(depth_m, focal_px=info.fx_px, baseline_m=info.baseline_m)
+
+
+def _medians(figures: dict[str, Any]) -> dict[str, dict[str, float | None]]:
+    """Median of every figure over the scenes that have it."""
+    scenes = list(figures.values())
+    return {
+        group: {name: _median([scene[group][name] for scene in scenes]) for name in row}
+        for group, row in scenes[0].items()
+    }
+
+
+def _median(values: list[float | None]) -> float | None:
+    known = [value for value in values if value is not None and np.isfinite(value)]
+    return float(np.median(known)) if known else None
+
+
+def _write(folder: OutputFolder, scene: CapturedScene, found: depth.DepthMap) -> None:
+    """Write our depth in the captures' own unit; the infrared images stay where they are."""
+    unit = scene.info.depth_unit_m
+    capture_writer.write_scene(
+        folder, scene.name, room=scene.room, truth_m=scene.truth_m(), depth_unit_m=unit
+    )
+    capture_writer.write_frame(folder, scene.name, 0, depth=found, depth_unit_m=unit)

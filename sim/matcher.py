@@ -46,9 +46,11 @@ class SemiGlobalBlock:
         _whole("prefilter_cap", self.prefilter_cap, 0, 127)
         if self.large_penalty <= self.small_penalty:
             raise refuse(
-                "large_penalty", f"must be > small_penalty {self.small_penalty}",
-                self.large_penalty, "A larger jump has to cost more than a step.",
-            )  # fmt: skip
+                "large_penalty",
+                f"must be > small_penalty {self.small_penalty}",
+                self.large_penalty,
+                "A larger jump has to cost more than a step.",
+            )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -93,14 +95,18 @@ class CensusSemiGlobal:
         in_interval("large_penalty", self.large_penalty, 0.0, 100.0)
         if self.large_penalty < self.small_penalty:
             raise refuse(
-                "large_penalty", f"must be >= small_penalty {self.small_penalty:g}",
-                self.large_penalty, "A larger jump has to cost at least a step.",
-            )  # fmt: skip
+                "large_penalty",
+                f"must be >= small_penalty {self.small_penalty:g}",
+                self.large_penalty,
+                "A larger jump has to cost at least a step.",
+            )
         if self.difference_weight * self.difference_cap_dn > 128:
             raise refuse(
-                "difference_weight", "times difference_cap_dn must be <= 128 bit",
-                self.difference_weight * self.difference_cap_dn, "Lower either.",
-            )  # fmt: skip
+                "difference_weight",
+                "times difference_cap_dn must be <= 128 bit",
+                self.difference_weight * self.difference_cap_dn,
+                "Lower either.",
+            )
 
 
 Engine = SemiGlobalBlock | Block | CensusSemiGlobal
@@ -148,7 +154,7 @@ class Checks:
 class Matcher:
     """A whole matcher. Disparity = x_left - x_right is searched in [min, min + search - 1]."""
 
-    engine: Engine
+    engine: Engine = field(default_factory=CensusSemiGlobal)
     min_disparity_px: int = 0  # The devices call it disparity shift.
     search_px: int = 128  # Count of disparities, a multiple of 16 up to 256.
     refinement: Refinement = field(default_factory=Refinement)
@@ -157,9 +163,11 @@ class Matcher:
     def __post_init__(self) -> None:
         if not isinstance(self.engine, Engine):
             raise refuse(
-                "engine", "must be SemiGlobalBlock, Block or CensusSemiGlobal",
-                type(self.engine).__name__, "Build one from sim.matcher.",
-            )  # fmt: skip
+                "engine",
+                "must be SemiGlobalBlock, Block or CensusSemiGlobal",
+                type(self.engine).__name__,
+                "Build one from sim.matcher.",
+            )
         _whole("min_disparity_px", self.min_disparity_px, 0, 512)
         _whole("search_px", self.search_px, FIXED_POINT, 256)
         if self.search_px % FIXED_POINT:
@@ -170,10 +178,8 @@ class Matcher:
 
 FAST = Matcher(
     engine=SemiGlobalBlock(),
-    checks=Checks(
-        uniqueness=10.0, left_right_px=1.0, speckle_count=100, speckle_step_px=2.0
-    ),
-)  # fmt: skip
+    checks=Checks(uniqueness=10.0, left_right_px=1.0, speckle_count=100, speckle_step_px=2.0),
+)
 """OpenCV's semi-global matcher as everybody runs it: quick, and not what a device does."""
 
 D4XX = Matcher(
@@ -182,7 +188,7 @@ D4XX = Matcher(
     checks=Checks(
         left_right_px=1.0, texture_dn=0.2, jump_px=3.0, speckle_count=100, speckle_step_px=1.0
     ),
-)  # fmt: skip
+)
 """The RealSense D4 family's matcher, from its own infrared pairs: docs/decisions/0003-matcher.md.
 
 Search: 126 disparities in the device (librealsense issue 2885), 128 here, the ends refused.

@@ -46,7 +46,7 @@ def read(path: Path, name: str) -> GreyImage:
         raise _damaged(path, name, "pixel data that does not decode") from error
     if image is None or image.ndim != 2 or image.itemsize * 8 != bits:
         raise _damaged(path, name, "pixel data that does not decode")
-    return image.astype(np.uint8 if bits == 8 else np.uint16, copy=False)
+    return image.astype(np.uint8) if bits == 8 else image.astype(np.uint16)
 
 
 def encode(image: GreyImage) -> bytes:

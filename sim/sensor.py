@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from patterns import errors
-from sim.matcher import Matcher
+from sim.matcher import Matcher, named
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -131,7 +131,7 @@ class Sensor:
     left: Imager = field(default_factory=Imager)
     right: Imager = field(default_factory=Imager)
     projector: Projector = field(default_factory=Projector)
-    matcher: Matcher = field(default_factory=Matcher)
+    matcher: Matcher = field(default_factory=lambda: named("d4xx"))
     post: Post = field(default_factory=Post)
 
     def __post_init__(self) -> None:

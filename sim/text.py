@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,7 +18,7 @@ def render(value: Any) -> str:
         a        0.9
         b        0.8
     """
-    return "\n".join(_lines(value, "")).strip("\n")
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(_lines(value, ""))).strip("\n")
 
 
 def _lines(value: Any, title: str) -> list[str]:
@@ -26,11 +27,12 @@ def _lines(value: Any, title: str) -> list[str]:
     if not isinstance(value, Mapping):
         return [_cell(value)]
     flat = {key: item for key, item in value.items() if not _is_table(item)}
-    lines = _columns([[str(key), _cell(item)] for key, item in flat.items()], left=2)
+    lines = [f"[{title}]"] if title and flat else []
+    lines += _columns([[str(key), _cell(item)] for key, item in flat.items()], left=2)
     for key, item in value.items():
         if _is_table(item):
             name = f"{title} {key}".strip()
-            lines += ["", *(_rows(item, name) or [f"[{name}]", *_lines(item, name)])]
+            lines += ["", *(_rows(item, name) or _lines(item, name))]
     return lines
 
 
@@ -72,7 +74,7 @@ def _cell(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, (list, tuple)):
-        return ", ".join(map(_cell, value))
+        return ", ".join(map(_cell, value)) or "-"
     if isinstance(value, Mapping):
-        return "none"
+        return "-"
     return "-" if value is None else str(value)

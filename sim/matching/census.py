@@ -65,11 +65,11 @@ def census(level: NDArray[np.uint16], *, census_px: int, tolerance: int) -> NDAr
     return _census(padded, offsets(census_px) + reach, reach, np.int32(tolerance))
 
 
-@nb.njit(parallel=True, cache=True)
+@nb.njit(cache=True)
 def _census(padded, taps, reach, tolerance):  # pragma: no cover - compiled
     h, w = padded.shape[0] - 2 * reach, padded.shape[1] - 2 * reach
     out = np.zeros((h, w), np.uint64)
-    for y in nb.prange(h):
+    for y in range(h):
         for k in range(len(taps)):
             row = padded[y + taps[k, 0], taps[k, 1] : taps[k, 1] + w]
             centre = padded[y + reach, reach : reach + w]

@@ -23,6 +23,7 @@ class Winners(NamedTuple):
 
     index: NDArray[np.int16]  # Best disparity's place in the search, 0 ... search - 1.
     offset: NDArray[np.float32]  # Sub-pixel part from the support's cost, in [-1, 1] px.
+    bend: NDArray[np.float32]  # Curvature of that cost at the winner: how sharp the fit is.
     right_index: NDArray[np.int16]  # The same for the right view, -1 where nothing maps.
     margin_pct: NDArray[np.float32]  # How much more the second best costs [percent of best].
 
@@ -80,24 +81,29 @@ def sweep_down(cost, total, p1, p2):  # pragma: no cover - compiled
                 for path in range(3):
                     source = x + path  # Columns x - 1, x, x + 1 of the row above.
                     floor_here[path, x + 1] = _advance(
-                        above[path, source], floor_above[path, source], cost[y, x],
-                        here[path, x + 1], total[y, x], p1, p2,
-                    )  # fmt: skip
+                        above[path, source],
+                        floor_above[path, source],
+                        cost[y, x],
+                        here[path, x + 1],
+                        total[y, x],
+                        p1,
+                        p2,
+                    )
         above, here = here, above
         floor_above, floor_here = floor_here, floor_above
 
 
 @nb.njit(inline="always")
 def _parabola(below, at, above):  # pragma: no cover - compiled
-    """Vertex of the parabola through three costs, in [-1, 1] px from the middle."""
+    """Vertex of the parabola through three costs, in [-1, 1] px from the middle, and its bend."""
     bend = np.int64(below) + np.int64(above) - 2 * np.int64(at)
     if bend <= 0:
-        return 0.0
-    return min(1.0, max(-1.0, (np.int64(below) - np.int64(above)) / (2.0 * bend)))
+        return 0.0, 0.0
+    return min(1.0, max(-1.0, (np.int64(below) - np.int64(above)) / (2.0 * bend))), float(bend)
 
 
 @nb.njit(parallel=True, cache=True)
-def _select(total, cost, index, offset, right, margin, shift):  # pragma: no cover - compiled
+def _select(total, cost, index, offset, bend, right, margin, shift):  # pragma: no cover - compiled
     h, w, search = total.shape
     for y in nb.prange(h):
         # Cost and index in one number, so that the least number names the lowest best index.
@@ -121,7 +127,7 @@ def _select(total, cost, index, offset, right, margin, shift):  # pragma: no cov
             margin[y, x] = np.float32(100.0) * (np.float32(second) / lowest - np.float32(1.0))
             if 0 < best < search - 1:
                 fine = cost[y, x]
-                offset[y, x] = _parabola(fine[best - 1], fine[best], fine[best + 1])
+                offset[y, x], bend[y, x] = _parabola(fine[best - 1], fine[best], fine[best + 1])
         for x in range(w):
             key = best_right[w - 1 - x]
             right[y, x] = -1 if key == _u32(0xFFFFFFFF) else np.int16(key & _u32(255))
@@ -142,8 +148,11 @@ def select(cost: NDArray[np.uint16], *, p1: int, p2: int, shift: int) -> Winners
     total = sweep_sideways(cost, _u16(p1), _u16(p2))
     sweep_down(cost, total, _u16(p1), _u16(p2))
     found = Winners(
-        np.zeros((h, w), np.int16), np.zeros((h, w), np.float32),
-        np.full((h, w), -1, np.int16), np.zeros((h, w), np.float32),
-    )  # fmt: skip
-    _select(total, cost, found.index, found.offset, found.right_index, found.margin_pct, shift)
+        index=np.zeros((h, w), np.int16),
+        offset=np.zeros((h, w), np.float32),
+        bend=np.zeros((h, w), np.float32),
+        right_index=np.full((h, w), -1, np.int16),
+        margin_pct=np.zeros((h, w), np.float32),
+    )
+    _select(total, cost, *found, shift)
     return found

@@ -19,6 +19,7 @@ Array = NDArray[np.float32]
 _MEAN_REFLECTANCE = 0.5  # Assumed: brightness alone cannot tell light from reflectance.
 # Makes the D415 preset's dots modulate the light by 0.1 to 0.35, as measured in lit rooms.
 _LIT_ROOM_W_M2 = 0.4
+_PATCHED_PX = 8.0  # What continues from different places is joined up to this step.
 _MARGIN_PX = 128  # Beyond the image, for what only the right imager sees.
 
 
@@ -70,7 +71,7 @@ def load(path: Path) -> Scene:
         bodies.append(
             Body(
                 name="surface behind",
-                mesh=depth_mesh.triangles(hidden, intrinsics, focal_baseline),
+                mesh=depth_mesh.triangles(hidden, intrinsics, focal_baseline, jump_px=_PATCHED_PX),
                 material=Material(name="as seen"),
                 texture=soft.ravel()[source],
             )
@@ -78,7 +79,9 @@ def load(path: Path) -> Scene:
     return Scene(
         name=scene.name,
         bodies=tuple(bodies),
-        ambient=Ambient(irradiance_w_m2=_LIT_ROOM_W_M2, gradient=0.0),  # Its shading is in the reflectance estimate already.
+        ambient=Ambient(
+            irradiance_w_m2=_LIT_ROOM_W_M2, gradient=0.0
+        ),  # Its shading is in the reflectance estimate already.
         shadow_tolerance=0.01,
     )
 

@@ -76,13 +76,20 @@ def _far_side(disparity_px: Array) -> NDArray[np.bool_]:
         return nearest - disparity_px > _JUMP_PX
 
 
-def triangles(disparity_px: Array, intrinsics: NDArray[np.float64], focal_baseline: float) -> Mesh:
+def triangles(
+    disparity_px: Array,
+    intrinsics: NDArray[np.float64],
+    focal_baseline: float,
+    *,
+    jump_px: float = 1.5 * _JUMP_PX,
+) -> Mesh:
     """Triangulate a disparity image in the left imager's frame.
 
     Args:
         disparity_px: (h, w), NaN where there is no surface.
         intrinsics: (3, 3) camera matrix of this image.
         focal_baseline: f b [px m].
+        jump_px: squares of pixels whose disparities range wider are left open.
 
     Returns:
         Mesh with one vertex a known pixel, normals, and uv over the image.
@@ -103,17 +110,17 @@ def triangles(disparity_px: Array, intrinsics: NDArray[np.float64], focal_baseli
     uv = np.stack([(u + 0.5) / width, (v + 0.5) / height], axis=-1)
     return Mesh(
         vertices=points[used],
-        faces=_faces(disparity_px, number),
+        faces=_faces(disparity_px, number, jump_px),
         normals=_normals(disparity_px, points)[used],
         uv=uv[used].astype(np.float32),
     )
 
 
-def _faces(disparity_px: Array, number: NDArray[np.intp]) -> NDArray[np.uint32]:
+def _faces(disparity_px: Array, number: NDArray[np.intp], jump_px: float) -> NDArray[np.uint32]:
     """Two triangles a square of pixels, where its corners lie on one surface."""
     corners = [disparity_px[i : -1 + i or None, j : -1 + j or None] for i in (0, 1) for j in (0, 1)]
     with np.errstate(invalid="ignore"):
-        whole = np.max(corners, axis=0) - np.min(corners, axis=0) <= 1.5 * _JUMP_PX
+        whole = np.max(corners, axis=0) - np.min(corners, axis=0) <= jump_px
     a, b, c, d = (
         number[i : -1 + i or None, j : -1 + j or None][whole] for i in (0, 1) for j in (0, 1)
     )

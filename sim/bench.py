@@ -1,0 +1,142 @@
+"""How fast the pipeline is, beside the bare calls it cannot do without, measured in one run."""
+
+from __future__ import annotations
+
+import dataclasses
+import resource
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+
+from sim import backend, frames, plugin_scene, projector, render, sensors, simulate
+from sim.matcher import named
+from sim.scenes import builtin
+from sim.sensor import Sensor
+from sim.stage import Stage
+
+_SIZE = (1280, 720)
+_SUBPIXELS = 2
+_SEARCH_PX = 128
+
+
+def bench(*, repeats: int = 5, samples: int = 16) -> dict[str, Any]:
+    """Time the whole pipeline on `clutter` at 1280x720 and its floor, turn by turn.
+
+    The floor is two bare `mi.render` calls with as many primary and shadow rays as the pipeline
+    casts for its light, and one bare `StereoSGBM.compute` (3WAY, block 5, 128 disparities).
+
+    Args:
+        repeats: rounds; medians are reported.
+        samples: paths a coarse pixel for the rate with indirect light.
+
+    Returns:
+        Medians [s], their ratios to the floor, stage times [ms] and peak memory [GiB].
+    """
+    sensor = _sensor()
+    stage = Stage(builtin.clutter())
+    shot = simulate.simulate(stage, sensor)
+    layers = shot.layers
+    exact = dataclasses.replace(sensor, matcher=named("d4xx"))
+    floor = _floor(stage, sensor)
+    jobs: dict[str, Callable[[], Any]] = {
+        "floor": lambda: floor(shot.ir_left, shot.ir_right),
+        "pipeline": lambda: simulate.simulate(stage, sensor),
+        "pipeline_d4xx": lambda: simulate.simulate(stage, exact),
+        "layers": lambda: render.layers(stage, sensor, subpixels=_SUBPIXELS),
+        "expose": lambda: simulate.expose(layers, sensor),
+        "expose_d4xx": lambda: simulate.expose(layers, exact),
+        "moved": _moving(sensor),
+        "indirect": lambda: simulate.simulate(stage, sensor, samples=samples),
+    }
+    for job in jobs.values():
+        job()  # Compiles.
+    times = {name: [] for name in jobs}
+    for _ in range(repeats):
+        for name, job in jobs.items():
+            started = time.perf_counter()
+            job()
+            times[name].append(time.perf_counter() - started)
+    median = {name: float(np.median(values)) for name, values in times.items()}
+    return {
+        "pipeline_s": median["pipeline"],
+        "pipeline_d4xx_s": median["pipeline_d4xx"],
+        "floor_s": median["floor"],
+        "ratio": median["pipeline"] / median["floor"],
+        "ratio_d4xx": median["pipeline_d4xx"] / median["floor"],
+        "second_frame_ratio": median["moved"] / median["pipeline"],
+        "indirect_s": median["indirect"],
+        "effects_ms": {
+            "layers": 1e3 * median["layers"],
+            "expose and match": 1e3 * median["expose"],
+            "expose and match d4xx": 1e3 * median["expose_d4xx"],
+        },
+        "peak_gib": peak_gib(),
+        "variant": str(backend.mitsuba().variant()),
+        "size": list(_SIZE),
+    }
+
+
+def peak_gib() -> float:
+    """Peak resident memory of this process [GiB]."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / 2**30 if sys.platform == "darwin" else peak / 2**20
+
+
+def _sensor() -> Sensor:
+    """The D435 preset at 1280x720 with the quick matcher."""
+    preset = sensors.load("d435")
+    width, height = _SIZE
+    scale = width / preset.width
+    return dataclasses.replace(
+        preset,
+        width=width,
+        height=height,
+        fx_px=preset.fx_px * scale,
+        fy_px=preset.fy_px * scale,
+        cx_px=width / 2,
+        cy_px=height / 2,
+        matcher=named("fast"),
+    )
+
+
+def _floor(stage: Stage, sensor: Sensor) -> Callable[[Any, Any], None]:
+    mi = backend.mitsuba()
+    lit = plugin_scene.lit(stage, sensor, projector.irradiance_at_unit_distance(sensor.projector))
+    left = stage.scene.world_from_left
+    eyes = (left, left @ frames.pose((sensor.baseline_m, 0.0, 0.0)))
+    cameras = [
+        plugin_scene.camera(sensor, eye, sampler=plugin_scene.fixed(_SUBPIXELS)) for eye in eyes
+    ]
+    integrator = mi.load_dict(
+        {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, "hide_emitters": True}
+    )
+    matcher = cv2.StereoSGBM.create(0, _SEARCH_PX, 5, 200, 800, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY)
+
+    def run(ir_left: Any, ir_right: Any) -> None:
+        for camera in cameras:
+            image = mi.render(lit, sensor=camera, integrator=integrator, spp=_SUBPIXELS**2)
+            np.array(image)
+        matcher.compute(ir_left, ir_right)
+
+    return run
+
+
+def _moving(sensor: Sensor) -> Callable[[], Any]:
+    """Each call is the next frame of a sensor that moves through one scene."""
+    scene = builtin.clutter()
+    stage = Stage(scene)
+    step = 0
+
+    def run() -> Any:
+        nonlocal step
+        step += 1
+        stage.scene = dataclasses.replace(
+            scene, world_from_left=scene.world_from_left @ frames.pose((0.01 * step, 0.0, 0.0))
+        )
+        return simulate.simulate(stage, sensor)
+
+    return run

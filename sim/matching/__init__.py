@@ -1,0 +1,148 @@
+"""The stereo matcher: a rectified infrared pair in, disparities with reasons out."""
+
+from __future__ import annotations
+
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from patterns.errors import refuse
+from sim.matcher import CensusSemiGlobal, Checks, Matcher
+from sim.matching import census, checks, opencv, semiglobal, subpixel
+from sim.matching.disparity import DisparityMap as DisparityMap
+from sim.reason import Reason, first_cause
+
+LEAST_PX = 16  # A smaller image holds no window and no search.
+TEN_BITS = 1023
+
+_Causes = dict[Reason, NDArray[np.bool_]]
+
+
+def match(left: NDArray, right: NDArray, matcher: Matcher) -> DisparityMap:
+    """Match a rectified pair.
+
+    Args:
+        left, right: (h, w) uint8, or uint16 of up to 10 bits; corresponding points share a row.
+        matcher: the setting, e.g. `sim.matcher.named("d4xx")`.
+
+    Returns:
+        Disparities of the left image [px]. A missing one is OUTSIDE_OVERLAP, AMBIGUOUS (second
+        best too near, or the best at the search's end), LEFT_RIGHT, SUPPORT (texture, depth edge)
+        or SPECKLE, whichever comes first.
+
+    Raises:
+        InputError: if the images differ in shape or type, are not of the types above, or are
+            smaller than 16 x 16.
+    """
+    _admit(left, right)
+    if isinstance(matcher.engine, CensusSemiGlobal):
+        disparity, causes = _census_semi_global(left, right, matcher, matcher.engine)
+    else:
+        disparity, causes = opencv.compute(left, right, matcher, matcher.engine)
+        disparity = subpixel.refine(disparity, matcher.refinement)
+    causes[Reason.SUPPORT] = _support(left, disparity, matcher.checks)
+    disparity = np.where(_any(causes), np.float32(np.nan), disparity)
+    disparity = subpixel.quantise(disparity, matcher.refinement.quantum_px)
+    small = matcher.checks
+    causes[Reason.SPECKLE] = checks.speckle(
+        disparity, count=small.speckle_count, step_px=small.speckle_step_px
+    )
+    disparity[causes[Reason.SPECKLE]] = np.nan
+    valid = np.isfinite(disparity)
+    return DisparityMap(disparity_px=disparity, valid=valid, reason=first_cause(valid, causes))
+
+
+def _admit(left: NDArray, right: NDArray) -> None:
+    """Refuse pairs that cannot be matched."""
+    if left.shape != right.shape:
+        raise refuse(
+            "left and right",
+            "must share one shape",
+            f"{left.shape} and {right.shape}",
+            "Rectify both with the same rig.",
+        )
+    if left.dtype != right.dtype or left.dtype not in (np.uint8, np.uint16):
+        raise refuse(
+            "left and right",
+            "must both be uint8 or uint16",
+            f"{left.dtype} and {right.dtype}",
+            "Convert both to one of them.",
+        )
+    if left.ndim != 2 or min(left.shape) < LEAST_PX:
+        raise refuse(
+            "left and right",
+            f"must be (h, w) of at least {LEAST_PX} x {LEAST_PX}",
+            left.shape,
+            "Give one grey image per imager.",
+        )
+    if left.dtype == np.uint16 and max(left.max(), right.max()) > TEN_BITS:
+        raise refuse(
+            "left and right",
+            f"must be <= {TEN_BITS} as uint16",
+            max(left.max(), right.max()),
+            "Shift them to 10 bits.",
+        )
+
+
+def _any(causes: _Causes) -> NDArray[np.bool_]:
+    return reduce(np.logical_or, causes.values())
+
+
+def _support(left: NDArray, disparity: NDArray[np.float32], setting: Checks) -> NDArray[np.bool_]:
+    """Too little texture, or neighbours that disagree."""
+    refused = checks.jump(disparity, range_px=setting.jump_px)
+    if setting.texture_dn > 0:
+        refused |= checks.texture(left, least_dn=setting.texture_dn)
+    return refused
+
+
+def support_cost(
+    left: NDArray, right: NDArray, matcher: Matcher, engine: CensusSemiGlobal
+) -> NDArray[np.uint16]:
+    """Cost volume of the own engine, (h, w, search), `census.COST_SCALE` per bit."""
+    pad = matcher.min_disparity_px
+    signs, brightness = [], []
+    for image in (left, right):
+        level = census.levels(image, presmooth_px=engine.presmooth_px)
+        tolerance = round(engine.tolerance_dn * census.SUBLEVELS)
+        signs.append(census.census(level, census_px=engine.census_px, tolerance=tolerance))
+        brightness.append((level // census.SUBLEVELS).astype(np.uint8))
+    beyond = pad + matcher.search_px
+    return census.support_cost(
+        signs[0],
+        census.mirrored(signs[1], pad=beyond),
+        brightness[0],
+        census.mirrored(brightness[1], pad=beyond),
+        pad,
+        matcher.search_px,
+        np.uint16(round(16 * engine.difference_weight)),
+        np.uint16(round(engine.difference_cap_dn)),
+        engine.support_px // 2,
+        8,
+    )
+
+
+def _census_semi_global(
+    left: NDArray, right: NDArray, matcher: Matcher, engine: CensusSemiGlobal
+) -> tuple[NDArray[np.float32], _Causes]:
+    """Run the own engine: cost, selection, sub-pixel fit, refinement, and the checks it can do."""
+    found = semiglobal.select(
+        support_cost(left, right, matcher, engine),
+        p1=round(engine.small_penalty * census.COST_SCALE),
+        p2=round(engine.large_penalty * census.COST_SCALE),
+        shift=matcher.min_disparity_px,
+    )
+    shift = np.int16(matcher.min_disparity_px)
+    whole = found.index + shift
+    right_whole = np.where(found.right_index < 0, np.int16(-1), found.right_index + shift)
+    at_end = (found.index == 0) | (found.index == matcher.search_px - 1)
+    causes = {
+        Reason.OUTSIDE_OVERLAP: checks.outside_overlap(whole),
+        Reason.AMBIGUOUS: at_end | (found.margin_pct < matcher.checks.uniqueness),
+        Reason.LEFT_RIGHT: checks.left_right(
+            whole, right_whole, apart_px=matcher.checks.left_right_px
+        ),
+    }
+    disparity = subpixel.refine(whole + found.offset, matcher.refinement, found.bend)
+    return disparity, causes

@@ -1,0 +1,62 @@
+"""What a match must pass. Every check gives the mask of the pixels that it refuses."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+TEXTURE_PX = 15  # Window of the texture check: one support plus one census window, about.
+_NONE = -16  # Below any disparity, in OpenCV's fixed point.
+
+
+def outside_overlap(disparity_px: NDArray) -> NDArray[np.bool_]:
+    """Pixels whose match would lie left of the right image's first column."""
+    return disparity_px > np.arange(disparity_px.shape[1], dtype=np.float32)
+
+
+def left_right(left: NDArray, right: NDArray, *, apart_px: float) -> NDArray[np.bool_]:
+    """Pixels whose match in the right view has another disparity.
+
+    Args:
+        left, right: (h, w) whole disparities [px] of each view; right is negative where none.
+        apart_px: largest difference let through [px].
+
+    Returns:
+        (h, w) mask; pixels that point outside the image are left to `outside_overlap`.
+    """
+    columns = np.arange(left.shape[1], dtype=np.int32)
+    target = columns - left.astype(np.int32)
+    inside = (target >= 0) & (target < left.shape[1])
+    there = np.take_along_axis(right, np.clip(target, 0, left.shape[1] - 1), axis=1)
+    return inside & ((there < 0) | (np.abs(there.astype(np.int32) - left) > apart_px))
+
+
+def texture(image: NDArray, *, least_dn: float) -> NDArray[np.bool_]:
+    """Pixels whose window has less contrast than `least_dn` (standard deviation, 8-bit DN)."""
+    level = image.astype(np.float32) if image.dtype == np.uint8 else image / np.float32(4)
+    window = (TEXTURE_PX, TEXTURE_PX)
+    mean = cv2.blur(level, window)
+    return cv2.sqrBoxFilter(level, cv2.CV_32F, window) - mean * mean < np.float32(least_dn) ** 2
+
+
+def jump(disparity_px: NDArray[np.float32], *, range_px: float) -> NDArray[np.bool_]:
+    """Pixels whose 3x3 neighbourhood spans more than `range_px` of disparity.
+
+    The device leaves 2 to 3 px free along every depth edge, whatever the jump.
+    """
+    known = np.isfinite(disparity_px)
+    kernel = np.ones((3, 3), np.uint8)
+    high = cv2.dilate(np.where(known, disparity_px, np.float32(-1e6)), kernel)
+    low = cv2.erode(np.where(known, disparity_px, np.float32(1e6)), kernel)
+    return known & (high - low > range_px)
+
+
+def speckle(disparity_px: NDArray[np.float32], *, count: int, step_px: float) -> NDArray[np.bool_]:
+    """Valid pixels in islands of at most `count` pixels, parted by steps above `step_px`."""
+    if not count:
+        return np.zeros(disparity_px.shape, bool)
+    valid = np.isfinite(disparity_px)
+    fixed = np.where(valid, disparity_px * 16, _NONE).astype(np.int16)
+    cv2.filterSpeckles(fixed, _NONE, count, step_px * 16)
+    return valid & (fixed == _NONE)

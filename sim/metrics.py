@@ -1,0 +1,132 @@
+"""Figures of a disparity map against a reference: which pixels count, and how far off they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from patterns.errors import refuse
+
+EDGE_JUMP_PX = 1.0  # A step between neighbours above this is a depth edge [px of disparity].
+EDGE_MARGIN_PX = 2  # Pixels this near a depth edge do not count: the reference is unsure there.
+LEFT_BAND_PX = 128  # Columns that a search of 128 disparities may not reach.
+MAD_TO_SIGMA = 1.4826  # Median absolute deviation of a normal distribution, inverted.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DisparityFigures:
+    """How a disparity map compares with a reference."""
+
+    bias_px: float  # Median error [px].
+    nmad_px: float  # 1.4826 x median absolute deviation of the error from its median [px].
+    bad1_pct: float  # Share of the valid pixels that are off by more than 1 px [percent].
+    fill: float  # Share of the counted pixels that are valid, 0 ... 1.
+    ndp_iou: float | None  # Overlap of both maps' no-depth pixels, 0 ... 1; None where not asked.
+
+
+def _one_shape(**arrays: NDArray) -> None:
+    shapes = [array.shape for array in arrays.values()]
+    if len(set(shapes)) > 1:
+        raise refuse(
+            " and ".join(arrays),
+            "must share one shape",
+            " and ".join(map(str, shapes)),
+            "Compare maps of one view.",
+        )
+
+
+def depth_edges(disparity_px: NDArray) -> NDArray[np.bool_]:
+    """Pixels within 2 px of a depth edge of a disparity map.
+
+    Unknown pixels take the nearest known value first, so that a hole in a surface is no edge.
+
+    Args:
+        disparity_px: (h, w) [px], NaN where unknown.
+
+    Returns:
+        (h, w) mask. All False where nothing is known.
+    """
+    known = np.isfinite(disparity_px)
+    if not known.any():
+        return np.zeros(known.shape, bool)
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    filled = disparity_px[tuple(np.asarray(nearest))]
+    edge = np.zeros(known.shape, np.uint8)
+    across = np.abs(np.diff(filled, axis=1)) > EDGE_JUMP_PX
+    down = np.abs(np.diff(filled, axis=0)) > EDGE_JUMP_PX
+    edge[:, 1:] |= across
+    edge[:, :-1] |= across
+    edge[1:] |= down
+    edge[:-1] |= down
+    side = 2 * EDGE_MARGIN_PX + 1
+    return cv2.dilate(edge, np.ones((side, side), np.uint8)).astype(bool)
+
+
+def reached_pixels(truth_px: NDArray) -> NDArray[np.bool_]:
+    """Pixels of known truth right of the left band: where no-depth pixels are compared."""
+    reached = np.isfinite(truth_px)
+    reached[:, :LEFT_BAND_PX] = False
+    return reached
+
+
+def scored_pixels(truth_px: NDArray) -> NDArray[np.bool_]:
+    """Pixels that count: known truth, right of the left band, away from the truth's edges.
+
+    Args:
+        truth_px: (h, w) disparity of the reference [px], NaN where unknown.
+    """
+    return reached_pixels(truth_px) & ~depth_edges(truth_px)
+
+
+def hole_overlap(first_px: NDArray, second_px: NDArray, where: NDArray[np.bool_]) -> float:
+    """Intersection over union of two maps' no-depth pixels inside `where`; 1 if neither has any."""
+    first, second = ~np.isfinite(first_px) & where, ~np.isfinite(second_px) & where
+    union = np.count_nonzero(first | second)
+    return np.count_nonzero(first & second) / union if union else 1.0
+
+
+def disparity_figures(
+    disparity_px: NDArray,
+    reference_px: NDArray,
+    scored: NDArray[np.bool_],
+    *,
+    holes_of_px: NDArray | None = None,
+    holes_where: NDArray[np.bool_] | None = None,
+) -> DisparityFigures:
+    """Compare a disparity map with a reference.
+
+    Args:
+        disparity_px: (h, w) [px], NaN = no depth.
+        reference_px: (h, w) [px], NaN = unknown: scanner's truth, or a device's own map.
+        scored: (h, w) the pixels that count, usually `scored_pixels(truth)`.
+        holes_of_px: map whose no-depth pixels are compared with ours, or None.
+        holes_where: where they are compared, usually `reached_pixels(truth)`; None = `scored`.
+
+    Returns:
+        The figures; errors are over pixels where both maps have a value. NaN where there is none.
+
+    Raises:
+        InputError: if the arrays differ in shape or `scored` is empty.
+    """
+    _one_shape(disparity_px=disparity_px, reference_px=reference_px, scored=scored)
+    if not scored.any():
+        raise refuse("scored", "must hold a pixel", 0, "Take a scene with known truth.")
+    error = (disparity_px - reference_px)[scored & np.isfinite(disparity_px + reference_px)]
+    bias = float(np.median(error)) if error.size else float("nan")
+    spread = MAD_TO_SIGMA * float(np.median(np.abs(error - bias))) if error.size else float("nan")
+    overlap = None
+    if holes_of_px is not None:
+        where = scored if holes_where is None else holes_where
+        _one_shape(disparity_px=disparity_px, holes_of_px=holes_of_px, holes_where=where)
+        overlap = hole_overlap(disparity_px, holes_of_px, where)
+    return DisparityFigures(
+        bias_px=bias,
+        nmad_px=spread,
+        bad1_pct=100 * float(np.mean(np.abs(error) > 1)) if error.size else float("nan"),
+        fill=np.count_nonzero(np.isfinite(disparity_px) & scored) / np.count_nonzero(scored),
+        ndp_iou=overlap,
+    )

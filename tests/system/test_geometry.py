@@ -1,0 +1,171 @@
+"""Where things are seen: dots at known pixels, d = f b / z, occlusion and shadow masks."""
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+from scipy import ndimage, optimize
+
+from sim import frames, plugin_scene, render, sensors, stage
+from sim.depth import depth_from_disparity, disparity_from_depth
+from sim.scene import Ambient, Material, Scene
+from sim.scenes import builtin, solids
+
+RADIUS_M = 0.03  # Of balls whose middle is looked for: wide enough for pixels to sample them.
+WHITE = Material(name="white", reflectance=0.9)
+
+
+def small(**changes):
+    base = dataclasses.replace(
+        sensors.load("d435"),
+        width=160,
+        height=120,
+        fx_px=100.0,
+        fy_px=110.0,
+        cx_px=70.3,
+        cy_px=50.8,
+    )
+    return dataclasses.replace(base, **changes)
+
+
+def spot_scene(point_m):
+    ball = solids.sphere(RADIUS_M)
+    ball.apply_translation(point_m)
+    even = Ambient(gradient=0.0)  # Shading would move the centroid.
+    spot = solids.body("spot", ball, WHITE)
+    return stage.Stage(Scene(name="spot", bodies=(spot,), ambient=even))
+
+
+def centroid(image):
+    rows, columns = np.indices(image.shape)
+    return (image * columns).sum() / image.sum(), (image * rows).sum() / image.sum()
+
+
+@pytest.mark.parametrize("point_m", [(0.0, 0.0, 1.0), (0.21, -0.13, 1.1), (-0.3, 0.2, 0.9)])
+def test_a_ball_is_seen_where_it_projects(point_m):
+    sensor = small()
+    layers = render.layers(spot_scene(point_m), sensor, subpixels=16)
+    x, y, z = point_m
+    for view, offset in ((layers.left, 0.0), (layers.right, sensor.baseline_m)):
+        u, v = centroid(view.ambient)
+        nearer = z - RADIUS_M**2 / z  # The outline's middle is not the middle's image.
+        assert u == pytest.approx(sensor.fx_px * (x - offset) / nearer + sensor.cx_px, abs=0.03)
+        assert v == pytest.approx(sensor.fy_px * y / nearer + sensor.cy_px, abs=0.03)
+
+
+def test_a_turned_camera_agrees_with_opencv():
+    world_from_left = frames.look_at((0.3, -0.4, -0.2), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
+    point = np.array([0.1, 0.05, 1.2])
+    sensor = small()
+    scene = dataclasses.replace(spot_scene(point).scene, world_from_left=world_from_left)
+    seen = centroid(render.layers(stage.Stage(scene), sensor, subpixels=16).left.ambient)
+    left_from_world = np.linalg.inv(world_from_left)
+    vector, _ = cv2.Rodrigues(left_from_world[:3, :3])
+    camera = np.array([[sensor.fx_px, 0, sensor.cx_px], [0, sensor.fy_px, sensor.cy_px], [0, 0, 1]])
+    expected, _ = cv2.projectPoints(point[None], vector, left_from_world[:3, 3], camera, None)
+    assert seen == pytest.approx(expected.ravel(), abs=0.03)
+
+
+def test_mitsubas_camera_sees_the_same_pixel():
+    """Axes, principal point and half pixel of the conversion to Mitsuba."""
+    from sim import backend
+
+    mi = backend.mitsuba()
+    sensor = small(fy_px=100.0)  # Mitsuba's pixels are square.
+    made = spot_scene((0.21, -0.13, 1.1))
+    camera = plugin_scene.camera(sensor, np.eye(4), sampler=plugin_scene.fixed(16))
+    integrator = mi.load_dict({"type": "aov", "aovs": "a:albedo"})
+    image = np.array(mi.render(made.mitsuba, sensor=camera, integrator=integrator, spp=256))
+    u, v = centroid(image[..., 0])
+    assert u == pytest.approx(sensor.fx_px * 0.21 / 1.1 + sensor.cx_px, abs=0.03)
+    assert v == pytest.approx(sensor.fy_px * -0.13 / 1.1 + sensor.cy_px, abs=0.03)
+
+
+def test_a_projected_dot_lands_where_its_pixel_points(tmp_path):
+    """One dot of the pattern, a projector beside the imager, a wall: all by hand."""
+    image = np.zeros((120, 200), np.uint8)
+    image[40:43, 150:153] = 255  # Centre at column 151, row 41.
+    cv2.imwrite(str(tmp_path / "dot.png"), image)
+    sensor = small()
+    part = dataclasses.replace(
+        sensor.projector,
+        pattern=str(tmp_path / "dot.png"),
+        position_m=(0.03, 0.01, 0.0),
+        fov_x_deg=70.0,
+        fov_y_deg=45.0,
+    )
+    sensor = dataclasses.replace(sensor, projector=part)
+    seen = render.layers(stage.Stage(builtin.wall(1.5)), sensor, subpixels=16)
+    half_x, half_y = np.tan(np.deg2rad(35.0)), np.tan(np.deg2rad(22.5))
+    x = (2 * (151 + 0.5) / 200 - 1) * half_x * 1.5 + 0.03
+    y = (2 * (41 + 0.5) / 120 - 1) * half_y * 1.5 + 0.01
+    u, v = centroid(seen.left.projector_direct)
+    assert u == pytest.approx(sensor.fx_px * x / 1.5 + sensor.cx_px, abs=0.03)
+    assert v == pytest.approx(sensor.fy_px * y / 1.5 + sensor.cy_px, abs=0.03)
+
+
+@pytest.mark.parametrize("distance_m", [0.5, 1.0, 2.0, 4.0])
+def test_disparity_of_a_wall_is_fb_over_z(distance_m):
+    """Correlating the two noise-free renders finds f b / z within 0.02 px."""
+    sensor = sensors.load("d435")
+    layers = render.layers(stage.Stage(builtin.wall(distance_m)), sensor)
+    expected = sensor.focal_baseline_px_m / distance_m
+    margin = int(expected) + 40
+    # At half a metre the field of the projector ends inside the image: stay well within it.
+    rows, columns = slice(60, -60), slice(margin, -margin)
+    left = layers.left.radiance.astype(np.float64)
+    right = layers.right.radiance.astype(np.float64)
+
+    def mismatch(disparity):
+        shifted = ndimage.shift(right, (0, disparity), order=3, mode="nearest")
+        return float(((left - shifted)[rows, columns] ** 2).sum())
+
+    found = optimize.minimize_scalar(mismatch, (expected - 0.5, expected + 0.5), tol=1e-5)
+    assert found.x == pytest.approx(expected, abs=0.02)
+
+
+def test_a_tilted_wall_has_affine_disparity():
+    sensor = sensors.load("d435")
+    sheet = solids.body("wall", solids.plane(30, 30), WHITE, frames.pose((0, 0, 1.5), (13, 21, 3)))
+    truth = render.layers(stage.Stage(Scene(name="w", bodies=(sheet,))), sensor).truth
+    disparity = disparity_from_depth(
+        truth.depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
+    ).astype(np.float64)
+    rows, columns = np.indices(disparity.shape)
+    basis = np.stack([rows.ravel(), columns.ravel(), np.ones(rows.size)], axis=1)
+    plane, *_ = np.linalg.lstsq(basis, disparity.ravel(), rcond=None)
+    assert np.abs(basis @ plane - disparity.ravel()).max() < 1e-3
+    back = depth_from_disparity(disparity, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m)
+    np.testing.assert_allclose(back, truth.depth_m, rtol=1e-5)
+
+
+def test_masks_of_a_box_before_a_wall():
+    """Width of occlusion and shadow beside a box: (b/z_box - b/z_wall) f pixels, by hand."""
+    sensor = sensors.load("d435")
+    box = solids.body("box", solids.plane(0.3, 0.3), WHITE, frames.pose((0, 0, 1.0)))
+    wall = solids.body("wall", solids.plane(20, 20), WHITE, frames.pose((0, 0, 2.0)))
+    layers = render.layers(stage.Stage(Scene(name="box", bodies=(box, wall))), sensor)
+    truth, row = layers.truth, round(sensor.cy_px)
+    inner = slice(100, -100)  # Beyond the left border of the overlap and the projector's field.
+    hidden = int((~truth.right_sees[row, inner]).sum())
+    dark = int((~truth.lit[row, inner]).sum())
+    assert hidden == pytest.approx(sensor.fx_px * sensor.baseline_m * 0.5, abs=1.01)
+    assert dark == pytest.approx(sensor.fx_px * sensor.projector.position_m[0] * 0.5, abs=1.01)
+    assert set(np.unique(truth.material)) == {1, 2}
+    np.testing.assert_allclose(truth.normal[row, 400], (0, 0, -1), atol=1e-5)
+
+
+def test_left_border_is_outside_the_right_image():
+    sensor = sensors.load("d435")
+    truth = render.layers(stage.Stage(builtin.wall(1.0)), sensor).truth
+    border = int((~truth.right_sees[200]).sum())
+    assert border == pytest.approx(sensor.focal_baseline_px_m, abs=1.01)
+    assert not truth.right_sees[200, :border].any()
+
+
+def test_renders_are_bit_identical():
+    sensor = small()
+    first, second = (render.layers(stage.Stage(builtin.tabletop()), sensor) for _ in range(2))
+    for name in ("projector_direct", "ambient"):
+        assert np.array_equal(getattr(first.left, name), getattr(second.left, name))

@@ -1,0 +1,116 @@
+"""Analytic light: what a plain wall must return, whatever the renderer does inside.
+
+Rationale: a Lambertian wall before a projector without pattern has a closed-form radiance.
+Expected: L = rho / pi E cos(theta) with E = P / A / z^2 on a fronto-parallel plane, to 0.5 %.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sim import frames, materials, projector, render, sensors, stage
+from sim.scene import Ambient, Body, Material, Scene
+from sim.scenes import solids
+
+POWER_W = 0.2
+
+
+@pytest.fixture
+def even(tmp_path):
+    """A D435 whose projector, at the left imager's place, lights its whole field evenly."""
+    import cv2
+
+    path = tmp_path / "even.png"
+    cv2.imwrite(str(path), np.full((64, 96), 200, np.uint8))
+    sensor = sensors.load("d435")
+    part = dataclasses.replace(
+        sensor.projector,
+        pattern=str(path),
+        power_w=POWER_W,
+        position_m=(0.0, 0.0, 0.0),
+        fov_x_deg=100.0,
+        fov_y_deg=80.0,
+    )
+    return dataclasses.replace(sensor, projector=part)
+
+
+def wall(distance_m: float, *, tilt_deg: float = 0.0, reflectance: float = 0.6, ambient=0.0):
+    sheet = solids.body(
+        "wall",
+        solids.plane(20 * distance_m, 20 * distance_m),
+        Material(name="white", reflectance=reflectance),
+        frames.pose((0, 0, distance_m), (0, tilt_deg, 0)),
+    )
+    light = Ambient(irradiance_w_m2=ambient, gradient=0.0)
+    return stage.Stage(Scene(name="wall", bodies=(sheet,), ambient=light))
+
+
+def centre(image, sensor):
+    row, column = round(sensor.cy_px), round(sensor.cx_px)
+    return float(image[row - 2 : row + 3, column - 2 : column + 3].mean())
+
+
+def irradiance_at_one_metre(sensor) -> float:
+    half_x, half_y = projector.half_tangents(sensor.projector)
+    return POWER_W / (4 * half_x * half_y)
+
+
+@pytest.mark.parametrize("distance_m", [0.5, 1.0, 2.0, 4.0])
+def test_lambertian_wall_and_inverse_square(even, distance_m):
+    seen = render.layers(wall(distance_m), even).left.projector_direct
+    expected = 0.6 / np.pi * irradiance_at_one_metre(even) / distance_m**2
+    assert centre(seen, even) == pytest.approx(expected, rel=0.005)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 30.0, 60.0])
+def test_surface_cosine(even, tilt_deg):
+    seen = render.layers(wall(1.0, tilt_deg=tilt_deg), even).left.projector_direct
+    expected = 0.6 / np.pi * irradiance_at_one_metre(even) * np.cos(np.deg2rad(tilt_deg))
+    assert centre(seen, even) == pytest.approx(expected, rel=0.005)
+
+
+def test_fronto_parallel_wall_is_even(even):
+    seen = render.layers(wall(1.0), even).left.projector_direct
+    assert seen.max() / seen.min() == pytest.approx(1.0, abs=0.005)
+
+
+@pytest.mark.parametrize("falloff", [2.0, 4.0])
+def test_emitter_profile_is_as_set(even, falloff):
+    dimmed = dataclasses.replace(
+        even, projector=dataclasses.replace(even.projector, falloff=falloff)
+    )
+    scene = wall(1.0)
+    ratio = (
+        render.layers(scene, dimmed).left.projector_direct
+        / render.layers(scene, even).left.projector_direct
+    )
+    column = np.arange(even.width)
+    angle = np.arctan(np.hypot((column - even.cx_px) / even.fx_px, 0))
+    np.testing.assert_allclose(ratio[round(even.cy_px)], np.cos(angle) ** falloff, rtol=0.005)
+
+
+def test_ambient_wall(even):
+    off = dataclasses.replace(even, projector=dataclasses.replace(even.projector, power_w=0.0))
+    seen = render.layers(wall(1.0, ambient=0.3), off).left
+    assert centre(seen.ambient, even) == pytest.approx(0.6 / np.pi * 0.3, rel=1e-4)
+    assert not seen.projector_direct.any()
+
+
+def test_all_power_lands_on_the_plane(even):
+    """Energy out = energy in: the irradiance integrated over the unit plane is the power."""
+    image = projector.irradiance_at_unit_distance(sensors.load("d415").projector)
+    half_x, half_y = projector.half_tangents(sensors.load("d415").projector)
+    total = float(image.mean(dtype=np.float64)) * 4 * half_x * half_y
+    assert total == pytest.approx(sensors.load("d415").projector.power_w, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "material", [materials.WOOD, materials.PLASTIC, materials.POLISHED_ALUMINIUM]
+)
+def test_no_material_returns_more_than_it_gets(even, material):
+    """Furnace: even ambient light of radiance L0 comes back as at most L0."""
+    sheet = solids.body("wall", solids.plane(20, 20), material, frames.pose((0, 0, 1.0)))
+    light = Ambient(irradiance_w_m2=np.pi, gradient=0.0)
+    made = stage.Stage(Scene(name="wall", bodies=(sheet,), ambient=light))
+    assert render.layers(made, even).left.ambient.max() <= 1 + 1e-5
