@@ -94,13 +94,13 @@ def measure(
     in_range = (depth >= post.near_m) & (depth <= post.far_m) & (depth < 65535 * post.depth_unit_m)
     valid = found.valid & in_range
     own = {Reason(code): found.reason == code for code in np.unique(found.reason) if code}
-    both = {
-        key: causes.get(key, False) | own.get(key, np.False_)  # type: ignore[operator]
-        for key in causes.keys() | own.keys()
-    }
+    # What is known of the scene goes before what the matcher supposes of it.
+    reason = first_cause(valid, own | causes | {Reason.OUT_OF_RANGE: found.valid & ~in_range})
+    unexplained = reason == Reason.UNKNOWN
+    reason[unexplained] = found.reason[unexplained]
     return DepthMap(
         disparity_px=np.where(valid, found.disparity_px, np.float32(np.nan)),
         depth_m=np.where(valid, depth, np.float32(np.nan)),
         valid=valid,
-        reason=first_cause(valid, both | {Reason.OUT_OF_RANGE: found.valid & ~in_range}),
+        reason=reason,
     )

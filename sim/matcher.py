@@ -77,8 +77,8 @@ class CensusSemiGlobal:
 
     census_px: int = 9  # Side of the census window; every second pixel of it is compared.
     presmooth_px: float = 0.6  # Standard deviation of the Gaussian before the census [px].
-    tolerance_dn: float = 0.4  # A neighbour counts as darker only by more than this [DN].
-    difference_weight: float = 0.5  # Cost of one DN of absolute difference [bit/DN].
+    tolerance_dn: float = 0.2  # A neighbour counts as darker only by more than this [DN].
+    difference_weight: float = 0.125  # Cost of one DN of absolute difference [bit/DN].
     difference_cap_dn: float = 8.0  # Differences count no further than this [DN].
     support_px: int = 11  # Side of the square support.
     small_penalty: float = 12.0  # P1, for a step of one disparity [bit].
@@ -186,7 +186,7 @@ D4XX = Matcher(
     engine=CensusSemiGlobal(),
     refinement=Refinement(median_px=5, smooth_px=13, smooth_step_px=2.0, quantum_px=1 / 32),
     checks=Checks(
-        left_right_px=1.0, texture_dn=0.2, jump_px=3.0, speckle_count=100, speckle_step_px=1.0
+        left_right_px=1.0, texture_dn=0.1, jump_px=4.0, speckle_count=100, speckle_step_px=1.0
     ),
 )
 """The RealSense D4 family's matcher, from its own infrared pairs: docs/decisions/0003-matcher.md.

@@ -102,6 +102,7 @@ def write_file(path: Path | str, data: bytes, *, force: bool = False) -> None:
         raise errors.refuse("out", "must not exist", path, "Choose another name or give --force.")
     partial = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.partial")
     with _refused(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
         try:
             partial.write_bytes(data)
             os.replace(partial, path)

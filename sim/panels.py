@@ -102,7 +102,7 @@ def reasons(axes: Axes, reason: NDArray[np.uint32], title: str) -> None:
         Patch(
             facecolor=_REASON_COLOURS[code],
             edgecolor=_FRAME,
-            label=f"{LABELS[code]} {counts[code] / reason.size:.1%}",
+            label=f"{LABELS[code]} {_share(counts[code] / reason.size)}",
         )
         for code in Reason
         if counts[code]
@@ -149,6 +149,10 @@ def finish(axes: Axes, title: str, note: str) -> None:
     axes.set_yticks([])
     for spine in axes.spines.values():
         spine.set_color(_FRAME)
+
+
+def _share(share: float) -> str:
+    return f"{share:.1%}" if share >= 0.0005 else "<0.1%"
 
 
 def _map(name: str, missing: str) -> Any:

@@ -1,4 +1,4 @@
-"""Edits of a sensor as text: `projector.power_w=0.2`."""
+"""The sensor that a command asks for: a preset, the captures' geometry, edits as text."""
 
 from __future__ import annotations
 
@@ -8,14 +8,31 @@ from collections.abc import Iterable
 from typing import Any
 
 from patterns import errors
-from sim import matcher, structure
+from sim import capture, matcher, sensors, structure
 from sim.sensor import Sensor
 
 _BARE_WORD = re.compile(r"[A-Za-z_][\w./-]*")
 
 
+def asked_for(name: str, captures: str, edits: Iterable[str]) -> Sensor:
+    """Load a sensor, give it the geometry of the captures it is used on, then apply edits.
+
+    Args:
+        name: preset or sensor file.
+        captures: what it is used on; only a capture set or a scene in it has a geometry.
+        edits: see `apply`.
+
+    Raises:
+        InputError: whatever is refused on the way.
+    """
+    sensor = sensors.load(name)
+    if capture.is_capture(captures):
+        sensor = capture.open_set(captures).info.geometry_into(sensor)
+    return apply(sensor, edits)
+
+
 def apply(sensor: Sensor, edits: Iterable[str]) -> Sensor:
-    """Apply edits in order.
+    """Apply edits in order; only what comes out at the end must be a possible sensor.
 
     Args:
         sensor: what to edit.
@@ -26,20 +43,33 @@ def apply(sensor: Sensor, edits: Iterable[str]) -> Sensor:
         InputError: an edit that is no `PATH=VALUE`, an unknown path, or a refused value.
 
     Example:
-        >>> from sim import sensors
         >>> apply(sensors.load("d435"), ["projector.power_w=0.2"]).projector.power_w
         0.2
     """
+    table = structure.to_table(sensor)
     for edit in edits:
         path, value = _parse(edit)
         if path == "matcher.setting":
-            sensor = structure.edit(sensor, "matcher", structure.to_table(matcher.named(value)))
+            table["matcher"] = structure.to_table(matcher.named(value))
         elif path.startswith("imager."):
             for side in ("left", "right"):
-                sensor = structure.edit(sensor, side + path.removeprefix("imager"), value)
+                _set(table, side + path.removeprefix("imager"), value)
         else:
-            sensor = structure.edit(sensor, path, value)
-    return sensor
+            _set(table, path, value)
+    return structure.from_table(Sensor, table)
+
+
+def _set(table: dict[str, Any], path: str, value: Any) -> None:
+    """Set one key; unknown keys are refused with the whole table."""
+    *folders, last = path.split(".")
+    for depth, name in enumerate(folders, 1):
+        table = table.setdefault(name, {})
+        if not isinstance(table, dict):
+            rest = ".".join([*folders[depth:], last])
+            raise errors.refuse(
+                ".".join(folders[:depth]), "has no fields", f".{rest}", "Drop the last part."
+            )
+    table[last] = value
 
 
 def _parse(edit: str) -> tuple[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from patterns import errors
 from sim import capture, capture_writer, progress
 from sim.output import OutputFolder
 from sim.sensor import Sensor
@@ -36,8 +37,8 @@ def simulate_captures(
 ) -> dict[str, Any]:
     """Simulate one scene or every scene of a capture set and write a capture set.
 
-    A captured scene is simulated with the geometry its `capture.toml` states (see
-    `sensor_for`), so that its pixels can be compared one by one with the real ones.
+    A sensor with the geometry of captured scenes (see `sim.sensor_edits.asked_for`) makes
+    images that can be compared with the real ones pixel by pixel.
 
     Args:
         scene: a capture set, one scene in it, a builtin name, a mesh or a Mitsuba XML.
@@ -57,6 +58,7 @@ def simulate_captures(
     """
     from sim import scenes
 
+    errors.in_interval("frames", frames, 1, 100_000, "Take at least one.")
     started = time.perf_counter()
     tasks, licence, notes = _tasks(scene)
     info = capture_writer.info_of(
@@ -82,13 +84,6 @@ def simulate_captures(
         "seconds": round(time.perf_counter() - started, 3),
         "scenes": figures,
     }
-
-
-def sensor_for(scene: str, sensor: Sensor) -> Sensor:
-    """Give the sensor the geometry of the captures where the scene is captured."""
-    if not capture.is_capture(scene):
-        return sensor
-    return capture.open_set(scene).info.geometry_into(sensor)
 
 
 def _tasks(scene: str) -> tuple[list[_Task], str, str]:

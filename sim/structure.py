@@ -123,8 +123,7 @@ def _value(hint: Any, value: Any, name: str) -> Any:
         hint = next(option for option in typing.get_args(hint) if option is not types.NoneType)
     origin = typing.get_origin(hint)
     if origin is typing.Literal:
-        errors.one_of(name, value, typing.get_args(hint))
-        return value
+        return _choice(typing.get_args(hint), value, name)
     if origin is tuple:
         kinds = typing.get_args(hint)
         if not isinstance(value, (list, tuple)) or len(value) != len(kinds):
@@ -133,6 +132,15 @@ def _value(hint: Any, value: Any, name: str) -> Any:
             )
         return tuple(_value(kind, item, name) for kind, item in zip(kinds, value, strict=True))
     return _scalar(hint, value, name)
+
+
+def _choice(options: tuple[Any, ...], value: Any, name: str) -> Any:
+    if all(isinstance(option, str) for option in options):
+        errors.one_of(name, value, options)
+    elif not any(type(value) is type(option) and value == option for option in options):
+        listed = ", ".join(map(repr, options))
+        raise errors.refuse(name, f"must be one of {listed}", repr(value), "Choose one of them.")
+    return value
 
 
 def _tree(classes: list[type], value: Any, name: str) -> Any:

@@ -43,10 +43,15 @@ def match(left: NDArray, right: NDArray, matcher: Matcher) -> DisparityMap:
         disparity = subpixel.refine(disparity, matcher.refinement)
     causes[Reason.SUPPORT] = _support(left, disparity, matcher.checks)
     disparity = np.where(_any(causes), np.float32(np.nan), disparity)
+    reach = matcher.min_disparity_px + matcher.search_px
+    outside = checks.outside_overlap(disparity, reach_px=reach)
+    causes[Reason.OUTSIDE_OVERLAP] = outside | causes.get(Reason.OUTSIDE_OVERLAP, np.False_)
+    disparity[outside] = np.nan
     disparity = subpixel.quantise(disparity, matcher.refinement.quantum_px)
-    small = matcher.checks
     causes[Reason.SPECKLE] = checks.speckle(
-        disparity, count=small.speckle_count, step_px=small.speckle_step_px
+        disparity,
+        count=matcher.checks.speckle_count,
+        step_px=matcher.checks.speckle_step_px,
     )
     disparity[causes[Reason.SPECKLE]] = np.nan
     valid = np.isfinite(disparity)
@@ -134,11 +139,11 @@ def _census_semi_global(
         shift=matcher.min_disparity_px,
     )
     shift = np.int16(matcher.min_disparity_px)
-    whole = found.index + shift
-    right_whole = np.where(found.right_index < 0, np.int16(-1), found.right_index + shift)
-    at_end = (found.index == 0) | (found.index == matcher.search_px - 1)
+    whole = found.best + shift
+    right_whole = np.where(found.right_best < 0, np.int16(-1), found.right_best + shift)
+    at_end = (found.best == 0) | (found.best == matcher.search_px - 1)
     causes = {
-        Reason.OUTSIDE_OVERLAP: checks.outside_overlap(whole),
+        Reason.OUTSIDE_OVERLAP: whole > np.arange(left.shape[1]),
         Reason.AMBIGUOUS: at_end | (found.margin_pct < matcher.checks.uniqueness),
         Reason.LEFT_RIGHT: checks.left_right(
             whole, right_whole, apart_px=matcher.checks.left_right_px

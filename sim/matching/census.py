@@ -105,7 +105,7 @@ def _cost_row(bits, bits_r, dn, dn_r, pad, weight, cap, out):  # pragma: no cove
             other = levels_r[d]
             step = _u16(level - other) if level > other else _u16(other - level)
             step = min(step, cap)
-            differing = _u16(_popcount(mine ^ theirs[d]))
+            differing = _u16(_popcount(mine ^ theirs[d]))  # pyright: ignore[reportCallIssue]
             row[d] = _u8(differing + _u16(_u16(step * weight) >> _u16(4)))
 
 

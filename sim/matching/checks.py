@@ -10,9 +10,25 @@ TEXTURE_PX = 15  # Window of the texture check: one support plus one census wind
 _NONE = -16  # Below any disparity, in OpenCV's fixed point.
 
 
-def outside_overlap(disparity_px: NDArray) -> NDArray[np.bool_]:
-    """Pixels whose match would lie left of the right image's first column."""
-    return disparity_px > np.arange(disparity_px.shape[1], dtype=np.float32)
+def outside_overlap(disparity_px: NDArray, *, reach_px: int) -> NDArray[np.bool_]:
+    """Pixels that lie left of the right image's first column, by their own or a near disparity.
+
+    A pixel without disparity is judged by the next one to its right that has one: in the left
+    border a matcher finds nothing or nonsense, and what it would have found is that surface.
+
+    Args:
+        disparity_px: (h, w) [px], NaN where there is none.
+        reach_px: largest disparity searched.
+    """
+    out = np.zeros(disparity_px.shape, bool)
+    # Beyond twice the reach nothing can lie outside, nor be judged by a pixel that far away.
+    border = disparity_px[:, : 2 * reach_px]
+    width = border.shape[1]
+    columns = np.arange(width)
+    place = np.where(np.isfinite(border), columns, width - 1)
+    following = np.minimum.accumulate(place[:, ::-1], axis=1)[:, ::-1]
+    out[:, :width] = np.take_along_axis(border, following, axis=1) > columns
+    return out
 
 
 def left_right(left: NDArray, right: NDArray, *, apart_px: float) -> NDArray[np.bool_]:

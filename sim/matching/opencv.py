@@ -23,7 +23,7 @@ def _bytes(image: NDArray) -> NDArray[np.uint8]:
     return image if image.dtype == np.uint8 else (image >> 2).astype(np.uint8)
 
 
-def _widened(image: NDArray, *, columns: int) -> NDArray[np.uint8]:
+def _widened(image: NDArray, *, columns: int) -> NDArray:
     return cv2.copyMakeBorder(_bytes(image), 0, 0, columns, 0, cv2.BORDER_REPLICATE)
 
 
@@ -67,15 +67,11 @@ def compute(
     pair = (_widened(left, columns=columns), _widened(right, columns=columns))
     fixed = _engine(matcher, engine, matcher.checks).compute(*pair)[:, columns:]
     disparity = decode(fixed, matcher.min_disparity_px)
-    outside, disagree, ambiguous = _causes(disparity)
-    return disparity, {
-        Reason.OUTSIDE_OVERLAP: outside,
-        Reason.LEFT_RIGHT: disagree,
-        Reason.AMBIGUOUS: ambiguous,
-    }
+    disagree, ambiguous = _causes(disparity)
+    return disparity, {Reason.LEFT_RIGHT: disagree, Reason.AMBIGUOUS: ambiguous}
 
 
-def decode(fixed: NDArray[np.int16], min_disparity_px: int) -> NDArray[np.float32]:
+def decode(fixed: NDArray, min_disparity_px: int) -> NDArray[np.float32]:
     """Decode OpenCV's fixed point (1/16 px) to pixels: the only place where that is done.
 
     Values at or below the smallest disparity are OpenCV's mark of "none" or the search's own end;
@@ -86,37 +82,25 @@ def decode(fixed: NDArray[np.int16], min_disparity_px: int) -> NDArray[np.float3
     return disparity
 
 
-@nb.njit(parallel=True, cache=True)
+@nb.njit(cache=True)
 def _causes(disparity):  # pragma: no cover - compiled
-    """Why the engine's holes are there, by their shape along the row.
+    """Why the engine's holes are there, by their shape along the row: disagreement, ambiguity.
 
-    A hole whose right neighbour is nearer than its left neighbour by about the hole's width is
-    what the left-right check leaves of an occlusion; one that reaches the left border and is no
-    wider than its right neighbour's disparity lies outside the overlap; others are ambiguous.
+    A hole whose right neighbour is nearer than its left one by about the hole's width is what the
+    left-right check leaves of an occlusion; others count as ambiguous.
     """
     h, w = disparity.shape
-    outside = np.zeros((h, w), np.bool_)
     disagree = np.zeros((h, w), np.bool_)
     ambiguous = np.zeros((h, w), np.bool_)
-    for y in nb.prange(h):
+    for y in range(h):
         start = 0
         for x in range(w + 1):
             if x < w and np.isnan(disparity[y, x]):
                 continue
-            if x > start:
-                near = disparity[y, x] if x < w else np.float32(0)
-                far = disparity[y, start - 1] if start > 0 else near
-                if start == 0:
-                    for k in range(start, x):
-                        outside[y, k] = k < near
-                        ambiguous[y, k] = k >= near
-                elif x < w and near - far > 1 and x - start <= 2 * (near - far) + 2:
-                    disagree[y, start:x] = True
-                else:
-                    ambiguous[y, start:x] = True
+            near = disparity[y, x] if x < w else np.float32(0)
+            far = disparity[y, start - 1] if start > 0 else near
+            hidden = near - far > 1 and x - start <= 2 * (near - far) + 2
+            disagree[y, start:x] = hidden
+            ambiguous[y, start:x] = not hidden
             start = x + 1
-        for x in range(w):
-            if disparity[y, x] > x:  # Found in the widened margin: no such pixel was imaged.
-                outside[y, x] = True
-                disparity[y, x] = np.nan
-    return outside, disagree, ambiguous
+    return disagree, ambiguous

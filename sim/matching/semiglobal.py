@@ -21,10 +21,10 @@ _CHUNKS = 4  # Columns of one row are swept in so many pieces at a time.
 class Winners(NamedTuple):
     """What the selection found, all (h, w)."""
 
-    index: NDArray[np.int16]  # Best disparity's place in the search, 0 ... search - 1.
+    best: NDArray[np.int16]  # Best disparity's place in the search, 0 ... search - 1.
     offset: NDArray[np.float32]  # Sub-pixel part from the support's cost, in [-1, 1] px.
     bend: NDArray[np.float32]  # Curvature of that cost at the winner: how sharp the fit is.
-    right_index: NDArray[np.int16]  # The same for the right view, -1 where nothing maps.
+    right_best: NDArray[np.int16]  # The same for the right view, -1 where nothing maps.
     margin_pct: NDArray[np.float32]  # How much more the second best costs [percent of best].
 
 
@@ -148,10 +148,10 @@ def select(cost: NDArray[np.uint16], *, p1: int, p2: int, shift: int) -> Winners
     total = sweep_sideways(cost, _u16(p1), _u16(p2))
     sweep_down(cost, total, _u16(p1), _u16(p2))
     found = Winners(
-        index=np.zeros((h, w), np.int16),
+        best=np.zeros((h, w), np.int16),
         offset=np.zeros((h, w), np.float32),
         bend=np.zeros((h, w), np.float32),
-        right_index=np.full((h, w), -1, np.int16),
+        right_best=np.full((h, w), -1, np.int16),
         margin_pct=np.zeros((h, w), np.float32),
     )
     _select(total, cost, *found, shift)

@@ -61,18 +61,21 @@ def smooth(
         side_px: side of the window, odd. step_px: neighbours further off are left out.
     """
     reach, step = side_px // 2, np.float32(step_px)
-    rows, gathered = _mean(*_padded(disparity_px, weight, 0, reach), 0, 2 * reach, step)
-    columns, _ = _mean(*_padded(rows, gathered, reach, 0), 2 * reach, 0, step)
+    padded, weights = _padded(disparity_px, weight, 0, reach)
+    rows, gathered = _mean(padded, weights, disparity_px, 0, 2 * reach, step)
+    padded, weights = _padded(rows, gathered, reach, 0)
+    columns, _ = _mean(padded, weights, rows, 2 * reach, 0, step)
     return columns
 
 
-def _padded(disparity_px: NDArray, weight: NDArray, down: int, across: int) -> tuple:
+def _padded(
+    disparity_px: NDArray, weight: NDArray, down: int, across: int
+) -> tuple[NDArray, NDArray]:
     """Margins without disparity, so that they count nowhere."""
     margins = (down, down, across, across, cv2.BORDER_CONSTANT)
     return (
         cv2.copyMakeBorder(disparity_px, *margins, value=float("nan")),
         cv2.copyMakeBorder(weight, *margins, value=0),
-        disparity_px,
     )
 
 

@@ -11,6 +11,8 @@ from sim.scene import Mesh
 Array = NDArray[np.float32]
 
 _JUMP_PX = 1.0  # Neighbours whose disparities differ by more lie on different surfaces.
+_NOWHERE = np.float32(-1e6)
+_FROM_BEHIND_PX = 4  # How far the farther side of a hole prevails over the nearer.
 _FILL_PX = 24  # Holes of the reference up to twice this width are closed from behind.
 # Vertices lie off the pixel centres, off-diagonal: a ray through a shared vertex or edge of two
 # triangles can miss both.
@@ -27,14 +29,15 @@ def closed(disparity_px: Array) -> Array:
     Returns:
         The same, still NaN farther than the limit from anything known.
     """
-    farther = np.where(np.isfinite(disparity_px), -disparity_px, -np.inf).astype(np.float32)
+    unknown = ~np.isfinite(disparity_px)
+    # Negative disparity grows with depth; OpenCV's filters take no infinity.
+    farther = np.where(unknown, _NOWHERE, -disparity_px).astype(np.float32)
     kernel = np.ones((3, 3), np.uint8)
     for _ in range(_FILL_PX):
-        unknown = np.isneginf(farther)
-        if not unknown.any():
-            break
-        farther = np.where(unknown, cv2.dilate(farther, kernel), farther)
-    return np.where(np.isneginf(farther), np.float32(np.nan), -farther)
+        farther = np.where(farther == _NOWHERE, cv2.dilate(farther, kernel), farther)
+    for _ in range(_FROM_BEHIND_PX):
+        farther = np.where(unknown & (farther > _NOWHERE), cv2.dilate(farther, kernel), farther)
+    return np.where(farther == _NOWHERE, np.float32(np.nan), -farther)
 
 
 def smoothed(disparity_px: Array) -> Array:

@@ -58,7 +58,7 @@ def _read(path: Path) -> Sensor:
         raise errors.refuse(
             "sensor", "must be a readable file", path, f"{error.strerror}."
         ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # No TOML, no UTF-8, or nested too deep.
         raise errors.refuse("sensor", "must be TOML", path, f"{error}.") from None
     return from_table(table)
 

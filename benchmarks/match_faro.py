@@ -1,0 +1,155 @@
+"""The matcher on the 15 real D415 scenes, beside the device's own depth on the same infrared pair.
+
+    python benchmarks/match_faro.py d4xx fast
+
+Captures: $STARLING_CAPTURES, else ../shared/captures from the repository's root. Errors against the
+laser scanner; agreement = ours against the device. Settings were chosen on the tuned rooms alone.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from sim.matcher import FAST, Matcher, SemiGlobalBlock, named
+from sim.matching import match
+from sim.metrics import DisparityFigures, disparity_figures, reached_pixels, scored_pixels
+
+TUNED_ROOMS = frozenset({"0060", "1982", "4426", "6422", "g"})  # Sorted rooms, every other one.
+COLUMNS = ("bias_px", "nmad_px", "bad1_pct", "fill", "ndp_iou")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Scene:
+    """One scene: the pair (h, w) uint8, and disparities (h, w) [px], NaN where unknown."""
+
+    name: str
+    tuned: bool
+    left: NDArray
+    right: NDArray
+    device_px: NDArray
+    truth_px: NDArray
+
+
+def folder() -> Path:
+    """Where the scenes are, if they are on this machine."""
+    root = os.environ.get("STARLING_CAPTURES")
+    captures = Path(root) if root else Path(__file__).parents[2] / "shared" / "captures"
+    return captures / "d415-faro"
+
+
+def scenes(where: Path) -> Iterator[Scene]:
+    """Read the scenes one after the other, by name."""
+    info = tomllib.loads((where / "capture.toml").read_text())
+    focal_baseline = info["fx_px"] * info["baseline_m"]
+    for path in sorted(entry for entry in where.iterdir() if entry.is_dir()):
+        disparity = {}
+        for key, file in (("device_px", "0/depth.png"), ("truth_px", "truth.png")):
+            depth = cv2.imread(str(path / file), cv2.IMREAD_UNCHANGED) * info["depth_unit_m"]
+            disparity[key] = np.full(depth.shape, np.nan, np.float32)
+            disparity[key][depth > 0] = focal_baseline / depth[depth > 0]
+        yield Scene(
+            name=path.name,
+            tuned=(path / "room").read_text().strip() in TUNED_ROOMS,
+            left=cv2.imread(str(path / "0/ir_left.png"), cv2.IMREAD_UNCHANGED),
+            right=cv2.imread(str(path / "0/ir_right.png"), cv2.IMREAD_UNCHANGED),
+            **disparity,
+        )
+
+
+def measure(scene: Scene, setting: Matcher) -> dict[str, DisparityFigures]:
+    """Figures of the device and of ours against the truth, and of ours against the device."""
+    ours = match(scene.left, scene.right, setting).disparity_px
+    scored, reached = scored_pixels(scene.truth_px), reached_pixels(scene.truth_px)
+    return {
+        "device": disparity_figures(scene.device_px, scene.truth_px, scored),
+        "ours": disparity_figures(ours, scene.truth_px, scored),
+        "agreement": disparity_figures(
+            ours, scene.device_px, scored, holes_of_px=scene.device_px, holes_where=reached
+        ),
+    }
+
+
+def medians(rows: list[dict[str, DisparityFigures]]) -> dict[str, dict[str, float]]:
+    """Median over scenes of every figure."""
+    return {
+        kind: {
+            column: float(np.median([getattr(row[kind], column) for row in rows]))
+            for column in COLUMNS
+            if getattr(rows[0][kind], column) is not None
+        }
+        for kind in rows[0]
+    }
+
+
+def _line(label: str, figures: dict[str, dict[str, float]]) -> str:
+    cells = [
+        f"{kind[:6]:>7} " + " ".join(f"{value:7.3f}" for value in figures[kind].values())
+        for kind in figures
+    ]
+    return f"{label:12}" + " |".join(cells)
+
+
+def _table(name: str, where: Path) -> None:
+    print(f"\n{name}: bias px, NMAD px, off > 1 px %, fill (, no-depth IoU)")
+    rows = [(scene, measure(scene, named(name))) for scene in scenes(where)]
+    for scene, row in rows:
+        print(_line(scene.name + (" tuned" if scene.tuned else ""), medians([row])))
+    groups = {
+        "tuned": [row for scene, row in rows if scene.tuned],
+        "held out": [row for scene, row in rows if not scene.tuned],
+        "all": [row for _, row in rows],
+    }
+    for label, group in groups.items():
+        print(_line(label, medians(group)))
+
+
+def _seconds(call, repeats: int = 5) -> float:
+    """Least time of several calls, after one to warm up [s]."""
+    call()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def _timings(names: list[str], scene: Scene) -> None:
+    plain = FAST.engine
+    assert isinstance(plain, SemiGlobalBlock)
+    bare = cv2.StereoSGBM.create(
+        0, 128, plain.block_px, plain.small_penalty, plain.large_penalty, 1, 0, 10, 100, 2,
+        cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+    )  # fmt: skip
+    floor = _seconds(lambda: bare.compute(scene.left, scene.right))
+    print(f"\nbare StereoSGBM 3WAY {floor:.3f} s")
+    for name in names:
+        took = _seconds(lambda name=name: match(scene.left, scene.right, named(name)))
+        print(f"{name:6} {took:.3f} s = {took / floor:.2f} x")
+
+
+def main() -> None:
+    """Print the table of every named setting, then the times."""
+    chosen = sys.argv[1:] or ["d4xx"]
+    where = folder()
+    if not where.is_dir():
+        raise SystemExit(f"no captures at {where}; set STARLING_CAPTURES to their folder")
+    for name in chosen:
+        _table(name, where)
+    _timings(chosen, next(scenes(where)))
+
+
+if __name__ == "__main__":
+    main()

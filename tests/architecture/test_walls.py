@@ -1,0 +1,184 @@
+"""The walls of docs/design: which room may import which, and where heavy libraries may live.
+
+Every exception stands in a table below with its reason.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+# Each room and what it may import; everything may import itself.
+ROOMS = {
+    "patterns": set(),
+    "sim": {"patterns"},
+    "calibration": {"sim", "patterns"},
+    "learning": {"sim", "patterns"},
+    "diagnosis": {"calibration", "learning", "sim", "patterns"},
+    "starling": {"diagnosis", "calibration", "learning", "sim", "patterns"},
+}
+# Libraries that may be imported only in some rooms.
+LIBRARY_ROOMS = {
+    "mitsuba": {"sim"},
+    "drjit": {"sim", "calibration"},
+    "torch": {"learning"},
+}
+# The files that make pictures, and which pictures.
+PICTURE_MAKERS: dict[str, str] = {
+    "sim/show.py": "`starling show`: one picture of a capture",
+    "sim/panels.py": "the panels of that picture",
+}
+HEAVY = ("mitsuba", "drjit", "torch", "cv2", "matplotlib", "scipy", "numba")
+LONGEST_FILE = 400
+
+
+def _room(path: Path) -> str:
+    return path.relative_to(ROOT).parts[0].removesuffix(".py")
+
+
+def _sources() -> list[Path]:
+    paths = [path for room in ROOMS for path in (ROOT / room).rglob("*.py")]
+    front_door = ROOT / "starling.py"
+    return sorted([*paths, front_door] if front_door.exists() else paths)
+
+
+def _tracked() -> list[Path]:
+    """Return every file git tracks or would add; skip outside a git checkout."""
+    try:
+        listed = subprocess.run(
+            ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+            cwd=ROOT,
+            capture_output=True,
+            check=True,
+            text=True,
+        ).stdout
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("not a git checkout")
+    return [ROOT / name for name in listed.split("\0") if name and (ROOT / name).is_file()]
+
+
+def _imports(path: Path, top_level_only: bool = False) -> Iterator[tuple[int, str]]:
+    """Yield (line, absolute module) of every import, `import_module("x")` included."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    package = list(path.relative_to(ROOT).parent.parts)
+    for node in _at_import(tree) if top_level_only else ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) + 1 - node.level] if node.level else []
+            yield node.lineno, ".".join([*base, *([node.module] if node.module else [])])
+        elif isinstance(node, ast.Call) and node.args:
+            name = ast.unparse(node.func)
+            first = node.args[0]
+            if name.endswith(("import_module", "__import__")) and isinstance(first, ast.Constant):
+                yield node.lineno, str(first.value)
+
+
+def _at_import(tree: ast.AST) -> Iterator[ast.AST]:
+    """Walk what runs when the module is imported: not functions, not `if TYPE_CHECKING`."""
+    for node in ast.iter_child_nodes(tree):
+        checking = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        if not checking and not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node
+            yield from _at_import(node)
+
+
+def _breaches(allowed: dict[str, set[str]], walled: set[str]) -> list[str]:
+    """List imports of `walled` modules from rooms that may not have them."""
+    found = []
+    for path in _sources():
+        for line, module in _imports(path):
+            top = module.split(".")[0]
+            if top in walled and top != _room(path) and top not in allowed[_room(path)]:
+                found.append(f"{path.relative_to(ROOT)}:{line} imports {module}")
+    return found
+
+
+def test_rooms_import_one_way() -> None:
+    assert not _breaches(ROOMS, set(ROOMS))
+
+
+def test_no_room_imports_tests_or_examples() -> None:
+    nothing: dict[str, set[str]] = {room: set() for room in ROOMS}
+    assert not _breaches(nothing, {"tests", "examples", "benchmarks", "tools"})
+
+
+def test_heavy_libraries_stay_in_their_rooms() -> None:
+    allowed = {room: {lib for lib, at in LIBRARY_ROOMS.items() if room in at} for room in ROOMS}
+    assert not _breaches(allowed, set(LIBRARY_ROOMS))
+
+
+def test_matplotlib_only_where_pictures_are_made() -> None:
+    found = {
+        path.relative_to(ROOT).as_posix()
+        for path in _sources()
+        for _, module in _imports(path)
+        if module.split(".")[0] == "matplotlib"
+    }
+    assert not found - set(PICTURE_MAKERS)
+
+
+def test_variant_is_chosen_in_one_file() -> None:
+    """Mitsuba's variant is global: a second place that sets it would pull the rug away."""
+    setters = [
+        path.relative_to(ROOT).as_posix()
+        for path in _sources()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and node.attr == "set_variant"
+    ]
+    assert set(setters) <= {"sim/backend.py"}
+
+
+@pytest.mark.parametrize("room", ["patterns", "sim", "starling"])
+def test_import_loads_nothing_heavy(room: str) -> None:
+    """`import sim` must be instant: heavy libraries load inside the functions that need them."""
+    code = f"import sys, {room}; print(*(m for m in {HEAVY!r} if m in sys.modules))"
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.split() == []
+
+
+def test_front_door_imports_nothing_heavy_at_top_level() -> None:
+    tops = {module.split(".")[0] for _, module in _imports(ROOT / "starling.py", True)}
+    assert not tops & {*HEAVY, "OpenEXR", "colour", "trimesh"}
+
+
+def test_files_are_short() -> None:
+    """A file is one concept and is read in one sitting."""
+    lengths = {
+        path.relative_to(ROOT).as_posix(): len(path.read_text(encoding="utf-8").splitlines())
+        for path in _tracked()
+        if path.suffix == ".py"
+    }
+    assert {name: n for name, n in lengths.items() if n >= LONGEST_FILE} == {}
+
+
+# Written so that this file does not find itself.
+_MACHINE = re.compile(
+    r"(?<![\w.~$)}-])/(?:work|home/\w|Users/\w|root|mnt|media|srv)(?:/|\b)"  # somebody's folders
+    r"|index[-]url|find[-]links"  # where packages come from is the machine's own setting
+    r"|https?://(?:files|registry|deb|index|static|pypi)[.]"
+)
+
+
+def test_no_machine_paths_or_registries_in_tracked_files() -> None:
+    found = []
+    for path in _tracked():
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            continue  # Pictures.
+        for number, line in enumerate(text.splitlines(), 1):
+            if _MACHINE.search(line):
+                found.append(f"{path.relative_to(ROOT)}:{number}: {line.strip()[:100]}")
+    assert not found

@@ -1,0 +1,38 @@
+"""What all tests share: hypothesis profiles, the real captures, and the GPU where there is one."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+ROOT = Path(__file__).parents[1]
+
+# Rendering takes its time, so no example has a deadline; CI draws the same examples every time.
+settings.register_profile("dev", deadline=None)
+settings.register_profile("ci", deadline=None, derandomize=True)
+settings.load_profile("ci" if os.environ.get("CI") else "dev")
+
+
+@pytest.fixture(scope="session")
+def captures() -> Path:
+    """Folder of the real capture sets, which may not be redistributed."""
+    chosen = os.environ.get("STARLING_CAPTURES")
+    folder = Path(chosen) if chosen else ROOT.parent / "shared" / "captures"
+    if not folder.is_dir():
+        pytest.skip(f"no real captures at {folder}; set STARLING_CAPTURES to their folder")
+    return folder
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip the tests marked `gpu` where Dr.Jit finds no CUDA device."""
+    marked = [item for item in items if item.get_closest_marker("gpu")]
+    if not marked:
+        return
+    import drjit as dr
+
+    if not dr.has_backend(dr.JitBackend.CUDA):
+        for item in marked:
+            item.add_marker(pytest.mark.skip(reason="no CUDA device"))

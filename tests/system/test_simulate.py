@@ -1,0 +1,144 @@
+"""The whole chain: determinism, reasons, passive stereo, structured light, indirect light."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from patterns import InputError
+from sim import reference, render, sensors, simulate, stage
+from sim.reason import Reason
+from sim.scene import Ambient
+from sim.scenes import builtin
+
+
+@pytest.fixture(scope="module")
+def clutter():
+    return stage.Stage(builtin.clutter())
+
+
+def test_one_seed_one_result(clutter):
+    sensor = sensors.load("d435")
+    first, again, other = (simulate.simulate(clutter, sensor, seed=s) for s in (1, 1, 2))
+    for name in ("ir_left", "ir_right"):
+        assert np.array_equal(getattr(first, name), getattr(again, name))
+        assert not np.array_equal(getattr(first, name), getattr(other, name))
+    for name in ("disparity_px", "depth_m", "valid", "reason"):
+        assert np.array_equal(
+            getattr(first.depth, name),
+            getattr(again.depth, name),
+            equal_nan=name.endswith(("x", "m")),
+        )
+    assert not np.array_equal(first.ir_left, first.ir_right)
+
+
+def test_frames_differ_by_noise_only(clutter):
+    sensor = sensors.load("d435")
+    first, second = (simulate.simulate(clutter, sensor, frame=n) for n in (0, 1))
+    assert np.array_equal(first.layers.left.radiance, second.layers.left.radiance)
+    assert not np.array_equal(first.ir_left, second.ir_left)
+
+
+def test_missing_is_nan_plus_reason(clutter):
+    depth = simulate.simulate(clutter, sensors.load("d435")).depth
+    assert np.array_equal(depth.valid, np.isfinite(depth.depth_m))
+    assert np.array_equal(depth.valid, np.isfinite(depth.disparity_px))
+    assert np.array_equal(depth.valid, depth.reason == Reason.VALID)
+    assert not (depth.reason == Reason.UNKNOWN).any()
+
+
+def test_most_depth_is_right(clutter):
+    shot = simulate.simulate(clutter, sensors.load("d435"))
+    error = np.abs(shot.depth.depth_m / shot.layers.truth.depth_m - 1)
+    assert np.nanmedian(error) < 0.01
+    assert shot.depth.valid.mean() > 0.85
+
+
+def test_geometry_gives_its_reasons(clutter):
+    depth = simulate.simulate(clutter, sensors.load("d435")).depth
+    seen = set(np.unique(depth.reason))
+    assert {Reason.OUTSIDE_OVERLAP, Reason.OCCLUDED, Reason.SHADOWED} <= seen
+
+
+def test_projector_off_is_passive_stereo():
+    """A plain wall without dots gives a matcher nothing; with dots nearly everything."""
+    sensor = sensors.load("d435")
+    dark = dataclasses.replace(sensor, projector=dataclasses.replace(sensor.projector, power_w=0.0))
+    wall = stage.Stage(builtin.wall(1.0))
+    active, passive = (simulate.simulate(wall, s) for s in (sensor, dark))
+    inside = (slice(40, -40), slice(100, -100))
+    assert not passive.layers.left.projector_direct.any()
+    assert active.depth.valid[inside].mean() > 0.95
+    right = np.abs(passive.depth.depth_m - 1.0) < 0.02
+    assert right[inside].mean() < 0.3
+
+
+def test_no_light_at_all_is_too_little_signal():
+    sensor = sensors.load("d435")
+    dark = dataclasses.replace(sensor, projector=dataclasses.replace(sensor.projector, power_w=0.0))
+    scene = dataclasses.replace(builtin.wall(1.0), ambient=Ambient(irradiance_w_m2=0.0))
+    depth = simulate.simulate(scene, dark).depth
+    inner = depth.reason[40:-40, 100:-100]
+    missing = inner[inner != Reason.VALID]
+    assert missing.size and (missing == Reason.LOW_SIGNAL).all()
+
+
+def test_glaring_light_saturates():
+    sensor = sensors.load("d435")
+    left = dataclasses.replace(sensor.left, auto_exposure_level=0.0, exposure_s=1.0)
+    glaring = dataclasses.replace(sensor, left=left)
+    depth = simulate.simulate(builtin.wall(1.0), glaring).depth
+    inner = depth.reason[40:-40, 100:-100]
+    missing = inner[inner != Reason.VALID]
+    assert missing.size and (missing == Reason.SATURATED).all()
+
+
+def test_range_limits_name_themselves():
+    sensor = sensors.load("d435")
+    post = dataclasses.replace(sensor.post, near_m=1.5)
+    depth = simulate.simulate(builtin.wall(1.0), dataclasses.replace(sensor, post=post)).depth
+    assert not depth.valid.any()
+    assert (depth.reason[100:-100, 150:-150] == Reason.OUT_OF_RANGE).mean() > 0.9
+
+
+@pytest.mark.parametrize("name", ["kinect-v1", "xtion"])
+def test_structured_light_measures_a_wall(name):
+    """One imager against the stored pattern: d = f b / z holds as in a pair."""
+    sensor = sensors.load(name)
+    shot = simulate.simulate(builtin.wall(1.2), sensor)
+    inner = (slice(60, -60), slice(80, -80))
+    assert shot.depth.valid[inner].mean() > 0.9
+    assert np.nanmedian(shot.depth.depth_m[inner]) == pytest.approx(1.2, abs=0.01)
+
+
+def test_the_reference_does_not_know_the_scene():
+    sensor = sensors.load("kinect-v1")
+    shots = [simulate.simulate(builtin.wall(z), sensor) for z in (0.8, 2.0)]
+    assert np.array_equal(shots[0].ir_right, shots[1].ir_right)
+    assert np.array_equal(shots[0].ir_right, reference.image(sensor))
+
+
+def test_holes_do_not_move_with_samples(clutter):
+    """Renderer noise must not make holes: 1 and 64 samples differ by < 0.1 points."""
+    sensor = sensors.load("d435")
+    rates = [1 - simulate.simulate(clutter, sensor, samples=n).depth.valid.mean() for n in (1, 64)]
+    assert abs(rates[0] - rates[1]) < 0.001
+
+
+def test_indirect_light_is_unbiased_and_smaller_than_direct(clutter):
+    sensor = sensors.load("d435")
+    few, many = (simulate.simulate(clutter, sensor, samples=n).layers.left for n in (4, 64))
+    assert few.projector_indirect.mean() == pytest.approx(many.projector_indirect.mean(), rel=0.05)
+    assert 0 < many.projector_indirect.mean() < 0.3 * many.projector_direct.mean()
+
+
+def test_indirect_light_of_a_flat_wall_is_nothing():
+    shot = simulate.simulate(builtin.wall(1.0), sensors.load("d435"), samples=4)
+    assert shot.layers.left.projector_indirect.max() <= 1e-6
+    assert render.layers(stage.Stage(builtin.wall(1.0)), sensors.load("d435")).left.ambient.any()
+
+
+@pytest.mark.parametrize(("field", "value"), [("samples", -1), ("seed", -1)])
+def test_refusals(field, value):
+    with pytest.raises(InputError, match=f"{field} must be in"):
+        simulate.simulate(builtin.wall(1.0), sensors.load("d435"), **{field: value})

@@ -1,0 +1,70 @@
+"""What the pages say is run: commands of the tutorial, code of the README, tables of codes."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sim.reason import LABELS
+
+ROOT = Path(__file__).parents[1]
+TUTORIALS = sorted((ROOT / "docs" / "tutorial").glob("*.md"))
+
+
+def _blocks(page: Path, language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+
+
+def _run(*command: str | Path, cwd: Path) -> str:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
+    run = subprocess.run(
+        command, cwd=cwd, env=environment, capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    return run.stdout
+
+
+def test_readme_code_runs(tmp_path: Path) -> None:
+    (code,) = _blocks(ROOT / "README.md", "python")
+    _run(sys.executable, "-c", code, cwd=tmp_path)
+
+
+@pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
+def test_tutorial_commands_run(page: Path, tmp_path: Path) -> None:
+    """All `starling` lines of a page, in order and in one folder, as a reader types them."""
+    lines = [line for block in _blocks(page, "sh") for line in block.splitlines()]
+    commands = [shlex.split(line) for line in lines if line.startswith("starling ")]
+    assert commands
+    for _, *arguments in commands:
+        _run(sys.executable, ROOT / "starling.py", *arguments, cwd=tmp_path)
+
+
+def test_conventions_list_every_reason() -> None:
+    page = (ROOT / "docs" / "conventions.md").read_text("utf-8")
+    listed = re.findall(r"^\| (\d+) \| ([^|]+) \|", page, re.MULTILINE)
+    assert [(int(code), label) for code, label in listed] == [
+        (reason.value, label) for reason, label in LABELS.items()
+    ]
+
+
+def test_glossary_defines_each_word_once() -> None:
+    page = (ROOT / "docs" / "glossary.md").read_text("utf-8")
+    words = re.findall(r"^\*\*(.+)\*\*$", page, re.MULTILINE)
+    assert len(words) == len(set(words))
+    assert [word for word in words if "NDP (" in word] == ["NDP (no-depth pixel)"]
+
+
+def test_links_lead_somewhere() -> None:
+    """Links between pages, and to pictures once these are made."""
+    broken = []
+    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]:
+        for target in re.findall(r"\]\(([^)#\s]+)", page.read_text("utf-8")):
+            if "://" not in target and not (page.parent / target).exists():
+                broken.append(f"{page.relative_to(ROOT)}: {target}")
+    assert not broken

@@ -1,0 +1,227 @@
+"""Capture sets: what is read, what is refused and with which words, what is written."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from patterns.errors import InputError
+from sim import capture, capture_info
+
+
+def _change(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def _write(path: Path, image: np.ndarray) -> None:
+    cv2.imwrite(str(path), image)
+
+
+def test_reads_a_set(small_set: Path) -> None:
+    captures = capture.open_set(small_set)
+    assert [scene.name for scene in captures.scenes] == ["a", "b"]
+    assert captures.info.extra == {"owner": "unknown key, kept"}
+    assert captures.info.focal_baseline_px_m == pytest.approx(4.5)
+    scene = captures.scenes[0]
+    assert (scene.room, scene.frames) == ("kitchen", (0,))
+    frame = scene.frame(0)
+    assert frame.ir_left is not None and frame.ir_right is not None and frame.depth_m is not None
+    assert frame.ir_left.dtype == np.uint8 and frame.ir_left_off is None
+    assert frame.record == {"gain": 1.0}
+    assert np.isnan(frame.depth_m[10:20, 140:150]).all()
+    assert np.nanmax(frame.depth_m) == pytest.approx(1.002)
+    truth_m = scene.truth_m()
+    assert truth_m is not None and truth_m == pytest.approx(1.0)
+
+
+def test_reads_one_scene_of_a_set(small_set: Path) -> None:
+    captures = capture.open_set(small_set / "b")
+    assert [scene.name for scene in captures.scenes] == ["b"]
+    assert capture.is_capture(small_set / "b") and capture.is_capture(small_set)
+    assert not capture.is_capture(small_set / "a" / "0")
+
+
+def test_reads_depth_alone_and_infrared_alone(small_set: Path) -> None:
+    for name in ("ir_left.png", "ir_right.png", "frame.json"):
+        (small_set / "a" / "0" / name).unlink()
+    (small_set / "b" / "0" / "depth.png").unlink()
+    (small_set / "b" / "truth.png").unlink()
+    (small_set / "b" / "room").unlink()
+    first, second = capture.open_set(small_set).scenes
+    assert first.frame(0).ir_left is None and first.frame(0).record == {}
+    assert second.frame(0).depth_m is None
+    assert second.truth_m() is None
+    assert second.room == "b"
+
+
+def test_frames_are_numbers_in_order(small_set: Path) -> None:
+    for name in ("10", "2", "007", "old"):
+        (small_set / "a" / name).mkdir()
+    assert capture.open_set(small_set).scenes[0].frames == (0, 2, 10)
+
+
+def test_info_round_trip(small_set: Path, tmp_path: Path) -> None:
+    info = capture_info.from_table(
+        {
+            **_table(small_set),
+            "preset": "High Density",
+            "distortion": [0.0, 0.1, 0, 0, 0],
+            "colour": {k: _table(small_set)[k] for k in _PINHOLE},
+            "colour_from_left": [[1, 0, 0, 0.015], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+        }
+    )
+    path = tmp_path / "capture.toml"
+    path.write_text(capture_info.dumps(info))
+    assert capture_info.read(path) == info
+
+
+_PINHOLE = ("width", "height", "fx_px", "fy_px", "cx_px", "cy_px")
+
+
+def _table(folder: Path) -> dict:
+    return tomllib.loads((folder / "capture.toml").read_text())
+
+
+@pytest.mark.parametrize("key", [*_PINHOLE, "baseline_m", "depth_unit_m", "sensor", "licence"])
+def test_missing_key_is_refused(small_set: Path, key: str) -> None:
+    path = small_set / "capture.toml"
+    lines = [line for line in path.read_text().splitlines() if not line.startswith(f"{key} ")]
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match=f"capture.toml: {key} must be given; got nothing"):
+        capture.open_set(small_set)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("baseline_m = 0.05", "baseline_m = -0.05", "baseline_m must be > 0; got -0.05. The left"),
+        ("width = 160", "width = 0", r"width must be in \[1, 16384\]; got 0"),
+        ("fx_px = 90.0", "fx_px = nan", "fx_px must be > 0; got nan"),
+        ("cx_px = 79.5", "cx_px = inf", "cx_px must be in"),
+        ("depth_unit_m = 0.001", "depth_unit_m = 0.0", "depth_unit_m must be > 0"),
+        ("black_level_dn = 4", "black_level_dn = -1", "black_level_dn must be in"),
+        ("width = 160", "width = '160'", "width must be of type int; got '160'"),
+        ("width = 160", "width = ", "capture.toml must be TOML"),
+        ("owner", "colour_from_left = [[1,0,0,0],[0,1,0,0],[0,0,2,0],[0,0,0,1]]\nowner", "rigid"),
+        ("owner", "colour = {width = 0}\nowner", "colour.height must be given"),
+        ("owner", "deep = " + "[" * 5000 + "]" * 5000 + "\nowner", "capture.toml must be TOML"),
+    ],
+)
+def test_wrong_info_is_refused(small_set: Path, old: str, new: str, message: str) -> None:
+    _change(small_set / "capture.toml", old, new)
+    with pytest.raises(InputError, match=message):
+        capture.open_set(small_set)
+
+
+def test_info_must_be_text(small_set: Path) -> None:
+    (small_set / "capture.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(InputError, match=r"capture.toml must be TOML"):
+        capture.open_set(small_set)
+
+
+def test_info_must_be_readable(small_set: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(self: Path, encoding: str) -> str:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "read_text", fail)
+    with pytest.raises(InputError, match=r"capture.toml must be readable; .*Permission denied"):
+        capture.open_set(small_set)
+
+
+def test_wrong_folders_are_refused(small_set: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"captures must be a folder; got .*It does not exist"):
+        capture.open_set(tmp_path / "nowhere")
+    with pytest.raises(InputError, match=r"captures must be a folder; got .*It is a file"):
+        capture.open_set(small_set / "capture.toml")
+    with pytest.raises(InputError, match=r"must be a capture set; .*Looked for capture.toml"):
+        capture.open_set(tmp_path)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / "capture.toml").write_text((small_set / "capture.toml").read_text())
+    with pytest.raises(InputError, match="capture set must hold a scene folder"):
+        capture.open_set(tmp_path / "empty")
+    (small_set / "c").mkdir()
+    with pytest.raises(InputError, match="scene must hold a frame folder"):
+        capture.open_set(small_set)
+
+
+def test_unreadable_folder_is_refused(small_set: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: Path) -> list[Path]:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    with pytest.raises(InputError, match=r"must be a readable folder; .*Permission denied"):
+        capture.open_set(small_set)
+
+
+def test_room_must_be_text(small_set: Path) -> None:
+    (small_set / "a" / "room").write_bytes(b"\xff")
+    with pytest.raises(InputError, match="room must be UTF-8 text"):
+        capture.open_set(small_set)
+    (small_set / "a" / "room").unlink()
+    (small_set / "a" / "room").mkdir()
+    with pytest.raises(InputError, match="room must be readable"):
+        capture.open_set(small_set)
+
+
+def _colour(image: np.ndarray) -> np.ndarray:
+    return np.dstack([image] * 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "message"),
+    [
+        ("ir_left", _colour, "ir_left must be a grey PNG of 8 or 16 bits; got .* 8-bit colour"),
+        (
+            "ir_right",
+            lambda im: im[:, :-8],
+            "ir_right must be 160x48 as capture.toml says; .*152x48",
+        ),
+        ("ir_right", lambda im: im.astype(np.uint16), "ir pair must be of one bit depth"),
+        ("depth", lambda im: im.astype(np.uint8), "depth must be a 16-bit PNG"),
+        ("depth", lambda im: im[:-8], "depth must be 160x48"),
+    ],
+)
+def test_wrong_images_are_refused(small_set: Path, name: str, make: Callable, message: str) -> None:
+    path = small_set / "a" / "0" / f"{name}.png"
+    _write(path, make(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)))
+    with pytest.raises(InputError, match=message):
+        capture.open_set(small_set).scenes[0].frame(0)
+
+
+def test_wrong_frames_are_refused(small_set: Path) -> None:
+    scene = capture.open_set(small_set).scenes[0]
+    folder = small_set / "a" / "0"
+    with pytest.raises(InputError, match=r"frame of a must exist; got 7. There are: 0."):
+        scene.frame(7)
+    for content, message in {
+        b"{": "frame.json must be JSON",
+        b"[]": "frame.json must be one object",
+        b"\xff": "frame.json must be UTF-8",
+        b"[" * 100_000: "frame.json must be JSON",
+    }.items():
+        (folder / "frame.json").write_bytes(content)
+        with pytest.raises(InputError, match=message):
+            scene.frame(0)
+    (folder / "frame.json").unlink()
+    (folder / "ir_left.png").unlink()
+    with pytest.raises(InputError, match="ir pair must have its left image"):
+        scene.frame(0)
+    (folder / "ir_right.png").unlink()
+    (folder / "depth.png").unlink()
+    with pytest.raises(InputError, match=r"frame must hold ir_left.png or depth.png"):
+        scene.frame(0)
+
+
+def test_geometry_goes_into_a_sensor(small_set: Path) -> None:
+    from sim import sensors
+
+    info = capture.open_set(small_set).info
+    sensor = info.geometry_into(sensors.load("d415"))
+    assert (sensor.width, sensor.fx_px, sensor.baseline_m) == (160, 90.0, 0.05)

@@ -1,0 +1,189 @@
+"""frame.exr: comes back bit for bit, is understood by the OpenEXR library, refuses damage."""
+
+from __future__ import annotations
+
+import errno
+import resource
+import signal
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from patterns.errors import InputError
+from sim import exr, exr_structure
+from sim.depth import DepthMap
+from sim.layers import Layers, Truth, View
+from sim.output import OutputFolder
+
+
+def _frame(shape: tuple[int, int] = (37, 20), seed: int = 0) -> tuple[Layers, DepthMap]:
+    rng = np.random.default_rng(seed)
+
+    def view() -> View:
+        names = ("projector_direct", "projector_indirect", "ambient")
+        return View(**{name: rng.random(shape, np.float32) for name in names})
+
+    reason = rng.integers(0, 14, shape).astype(np.uint32)
+    depth_m = np.where(reason == 0, rng.random(shape, np.float32), np.float32(np.nan))
+    truth = Truth(
+        depth_m=depth_m,
+        normal=rng.normal(size=(*shape, 3)).astype(np.float16).astype(np.float32),
+        material=rng.integers(0, 99, shape).astype(np.uint32),
+        right_sees=rng.random(shape) > 0.5,
+        lit=rng.random(shape) > 0.5,
+    )
+    depth = DepthMap(disparity_px=depth_m * 7, depth_m=depth_m, valid=reason == 0, reason=reason)
+    return Layers(left=view(), right=view(), truth=truth), depth
+
+
+def _same(a: np.ndarray, b: np.ndarray) -> bool:
+    return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+
+
+def test_round_trip_is_bit_identical(tmp_path: Path) -> None:
+    layers, depth = _frame()
+    exr.write(tmp_path / "f.exr", layers, depth)
+    back, depth_back = exr.read(tmp_path / "f.exr")
+    for side in ("left", "right"):
+        for name in ("projector_direct", "projector_indirect", "ambient"):
+            assert _same(getattr(getattr(layers, side), name), getattr(getattr(back, side), name))
+    for name in ("depth_m", "normal", "material", "right_sees", "lit"):
+        assert _same(getattr(layers.truth, name), getattr(back.truth, name))
+    for name in ("disparity_px", "depth_m", "valid", "reason"):
+        assert _same(getattr(depth, name), getattr(depth_back, name))
+
+
+def test_the_library_reads_parts_types_and_units(tmp_path: Path) -> None:
+    exr.write(tmp_path / "f.exr", *_frame())
+    with OpenEXR.File(str(tmp_path / "f.exr"), separate_channels=True) as file:
+        kinds = {
+            part.name(): {name: str(c.pixels.dtype) for name, c in part.channels.items()}
+            for part in file.parts
+        }
+        headers = {part.name(): dict(part.header) for part in file.parts}
+    assert list(kinds) == ["left", "right", "truth", "depth"]
+    assert set(kinds["left"].values()) == {"float32"}
+    assert {kinds["truth"][f"normal.{axis}"] for axis in "xyz"} == {"float16"}
+    assert kinds["truth"]["material"] == kinds["depth"]["reason"] == "uint32"
+    assert headers["left"]["unit ambient"] == "W m^-2 sr^-1"
+    assert headers["depth"]["unit depth_m"].startswith("m, z along")
+    assert "3 OCCLUDED" in headers["depth"]["unit reason"]
+
+
+def _whole(tmp_path: Path) -> bytes:
+    exr.write(tmp_path / "whole.exr", *_frame())
+    return (tmp_path / "whole.exr").read_bytes()
+
+
+def test_cut_short_anywhere_is_refused(tmp_path: Path) -> None:
+    data, path = _whole(tmp_path), tmp_path / "cut.exr"
+    for length in [*range(0, len(data), 997), len(data) - 1]:
+        path.write_bytes(data[:length])
+        with pytest.raises(InputError, match="EXR file must be a whole OpenEXR file; got"):
+            exr.read(path)
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "f.exr"
+    with pytest.raises(InputError, match=r"EXR file must be readable; .*No such file"):
+        exr.read(path)
+    for data, what in {b"": "an empty file", b"PNG": "no OpenEXR file"}.items():
+        path.write_bytes(data)
+        with pytest.raises(InputError, match=what):
+            exr.read(path)
+    image = np.zeros((4, 4), np.float32)
+    for compression, parts, what in (
+        (OpenEXR.ZIP_COMPRESSION, 1, "a file of a single part"),
+        (OpenEXR.PIZ_COMPRESSION, 2, "another kind than ZIP scan lines"),
+        (OpenEXR.ZIP_COMPRESSION, 2, "must have the parts left, right, truth, depth; .*without"),
+    ):
+        _write_parts(path, [(f"p{n}", {"x": image}) for n in range(parts)], compression)
+        with pytest.raises(InputError, match=what):
+            exr.read(path)
+
+
+def _write_parts(path: Path, parts: list, compression: object = OpenEXR.ZIP_COMPRESSION) -> None:
+    window = (np.array([0, 0], np.int32), np.array([3, 3], np.int32))  # Must be equal in parts.
+    header = {"type": OpenEXR.scanlineimage, "compression": compression, "displayWindow": window}
+    OpenEXR.File([OpenEXR.Part(dict(header), dict(c), name) for name, c in parts]).write(str(path))
+
+
+def test_missing_channel_and_unequal_parts_are_refused(tmp_path: Path) -> None:
+    path, parts = tmp_path / "f.exr", []
+    exr.write(path, *_frame((4, 4)))
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        for part in file.parts:
+            parts.append((part.name(), {n: c.pixels.copy() for n, c in part.channels.items()}))
+    smaller = [(parts[0][0], {n: c[:3].copy() for n, c in parts[0][1].items()}), *parts[1:]]
+    _write_parts(path, smaller)
+    with pytest.raises(InputError, match="must hold parts of one size"):
+        exr.read(path)
+    del parts[0][1]["ambient"]
+    _write_parts(path, parts)
+    with pytest.raises(InputError, match="must have the channel ambient of float32 in part left"):
+        exr.read(path)
+
+
+def test_what_the_library_cannot_read_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError("some new compression")
+
+    path = tmp_path / "f.exr"
+    exr.write(path, *_frame())
+    monkeypatch.setattr(OpenEXR, "File", fail)
+    with pytest.raises(InputError, match=r"EXR file must be readable; .*some new compression"):
+        exr.read(path)
+
+
+def test_full_disk_is_an_error(tmp_path: Path) -> None:
+    """A real limit on the file's size: the library must not leave a short file unnoticed."""
+    old = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3000, old[1]))
+        with pytest.raises(InputError, match="out must be"), OutputFolder(tmp_path / "o") as out:
+            out.write_by("a/0/frame.exr", lambda path: exr.write(path, *_frame()))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, old)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert not list(tmp_path.iterdir())
+
+
+def test_silently_cut_file_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def cut(data: bytes, *, pixels: bool) -> None:
+        raise exr_structure.DamagedError("cut short")
+
+    monkeypatch.setattr(exr_structure, "check", cut)
+    with pytest.raises(OSError, match="cut short") as error:
+        exr.write(tmp_path / "f.exr", *_frame())
+    assert error.value.errno == errno.ENOSPC
+
+
+_DATA: list[bytes] = []
+
+
+@given(data=st.data())
+def test_changed_bytes_are_refused_or_harmless(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    folder = tmp_path_factory.mktemp("exr")
+    if not _DATA:
+        _DATA.append(_whole(folder))
+    changed = bytearray(_DATA[0])
+    # Half of the changes go to the headers and tables, where they do most harm.
+    end = data.draw(st.sampled_from([3000, len(changed)]))
+    for _ in range(data.draw(st.integers(1, 4))):
+        changed[data.draw(st.integers(0, end - 1))] = data.draw(st.integers(0, 255))
+    (folder / "f.exr").write_bytes(changed)
+    try:
+        layers, _ = exr.read(folder / "f.exr")
+    except InputError as error:
+        assert "\n" not in str(error)
+    else:
+        assert layers.truth.depth_m.shape == (37, 20)

@@ -1,0 +1,306 @@
+"""The matcher's properties, its own engine against a slow twin, its checks and its refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from patterns.errors import InputError
+from sim.matcher import D4XX, FAST, Block, CensusSemiGlobal, Checks, Matcher, SemiGlobalBlock
+from sim.matching import DisparityMap, census, checks, match, opencv, semiglobal, subpixel
+from sim.matching import support_cost as cost_volume
+from sim.reason import Reason
+
+ENGINES = {
+    "fast": FAST,
+    "hh": Matcher(engine=SemiGlobalBlock(mode="hh"), checks=FAST.checks),
+    "block": Matcher(engine=Block(), checks=FAST.checks),
+    "d4xx": D4XX,
+}
+
+
+def dots(shape: tuple[int, int], seed: int = 0) -> np.ndarray:
+    """Random dots of about 3 px on a dim ground, 8 bits."""
+    rng = np.random.default_rng(seed)
+    field = np.zeros((shape[0] + 4, shape[1] + 4))
+    lit = rng.random(shape) < 0.06
+    for dy in range(5):
+        for dx in range(5):
+            weight = np.exp(-((dy - 2) ** 2 + (dx - 2) ** 2) / 3)
+            field[dy : dy + shape[0], dx : dx + shape[1]] += lit * weight
+    noise = rng.normal(0, 0.5, shape)
+    return np.clip(20 + 60 * field[2:-2, 2:-2] + noise, 0, 255).astype(np.uint8)
+
+
+def shifted_pair(shift: int, shape=(48, 220), seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """A fronto-parallel pair with one disparity: x_left = x_right + shift."""
+    wide = dots((shape[0], shape[1] + shift), seed)
+    return wide[:, : shape[1]].copy(), wide[:, shift:].copy()
+
+
+@pytest.mark.parametrize("name", ENGINES)
+@given(shift=st.integers(4, 60), seed=st.integers(0, 3))
+@settings(max_examples=6)
+def test_a_shift_of_k_is_a_disparity_of_k(name, shift, seed):
+    left, right = shifted_pair(shift, seed=seed)
+    found = match(left, right, replace(ENGINES[name], search_px=64))
+    inside = found.disparity_px[8:-8, 90:-12]
+    assert np.isfinite(inside).mean() > 0.97
+    assert np.abs(np.nanmedian(inside) - shift) < 0.04
+    assert np.nanmax(np.abs(inside - shift)) < 0.5
+
+
+def test_ten_bits_give_what_eight_bits_give():
+    left, right = shifted_pair(17)
+    eight = match(left, right, D4XX)
+    ten = match(left.astype(np.uint16) * 4, right.astype(np.uint16) * 4, D4XX)
+    np.testing.assert_array_equal(eight.disparity_px, ten.disparity_px)
+    fast = match(left.astype(np.uint16) * 4, right.astype(np.uint16) * 4, FAST)
+    np.testing.assert_array_equal(fast.reason, match(left, right, FAST).reason)
+
+
+def test_the_smallest_disparity_only_moves_the_search():
+    left, right = shifted_pair(40)
+    near = match(left, right, replace(D4XX, search_px=64))
+    moved = match(left, right, replace(D4XX, search_px=64, min_disparity_px=16))
+    inside = np.s_[8:-8, 100:-12]
+    np.testing.assert_allclose(near.disparity_px[inside], moved.disparity_px[inside], atol=0.04)
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_missing_is_nan_with_a_reason_and_the_left_band_is_outside(name):
+    left, right = shifted_pair(40)
+    found = match(left, right, ENGINES[name])
+    np.testing.assert_array_equal(np.isfinite(found.disparity_px), found.valid)
+    np.testing.assert_array_equal(found.reason == Reason.VALID, found.valid)
+    assert found.disparity_px.dtype == np.float32
+    assert found.reason.dtype == np.uint32
+    # Left of the disparity nothing was imaged twice: that, and not a search band, is empty.
+    # (OpenCV's engines find a few false matches there.)
+    band = found.reason[8:-8, :36]
+    assert (band[band != Reason.VALID] == Reason.OUTSIDE_OVERLAP).mean() > 0.9
+    assert (band == Reason.VALID).mean() < (0.01 if name == "d4xx" else 0.6)
+    assert found.valid[8:-8, 56:-12].mean() > 0.97
+
+
+def test_every_own_reason_is_reached():
+    left, right = shifted_pair(30, shape=(96, 260))
+    right[30:60, 120:170] = dots((30, 50), seed=9)  # Another scene there: nothing matches.
+    left[70:, 180:], right[70:, 150:] = 20, 20  # No texture.
+    setting = replace(
+        D4XX, search_px=64, checks=replace(D4XX.checks, uniqueness=3.0, speckle_count=400)
+    )
+    reasons = set(np.unique(match(left, right, setting).reason))
+    own = {"OUTSIDE_OVERLAP", "AMBIGUOUS", "LEFT_RIGHT", "SUPPORT"}
+    assert {Reason[name] for name in own} <= reasons
+
+
+def test_the_search_ends_are_no_match():
+    left, right = shifted_pair(31)
+    found = match(left, right, replace(D4XX, search_px=32))
+    assert (found.reason[8:-8, 60:-12] == Reason.AMBIGUOUS).mean() > 0.97
+
+
+@given(gain=st.floats(1.0, 4.0), offset=st.integers(0, 200), seed=st.integers(0, 9))
+def test_census_ignores_rising_changes_of_brightness(gain, offset, seed):
+    level = np.random.default_rng(seed).integers(0, 4000, (12, 20)).astype(np.uint16)
+    changed = np.floor(level * gain + offset).astype(np.uint16)
+    before = census.census(level, census_px=9, tolerance=0)
+    np.testing.assert_array_equal(before, census.census(changed, census_px=9, tolerance=0))
+
+
+def test_census_tolerance_swallows_noise_below_it():
+    level = np.random.default_rng(0).integers(500, 520, (20, 30)).astype(np.uint16)
+    assert not census.census(level, census_px=9, tolerance=20).any()
+
+
+@given(seed=st.integers(0, 50), apart=st.integers(0, 3))
+def test_left_right_check_is_symmetric_under_swap_and_mirror(seed, apart):
+    """A pair of pixels that point at each other passes in both views or in neither."""
+    rng = np.random.default_rng(seed)
+    left, right = rng.integers(0, 8, (2, 6, 40)).astype(np.int16)
+    refused = checks.left_right(left, right, apart_px=apart)
+    # Mirrored and swapped, the right view is the left one; disparities keep their sign.
+    other = checks.left_right(right[:, ::-1], left[:, ::-1], apart_px=apart)[:, ::-1]
+    y, x = np.nonzero(np.arange(40) - left >= 0)
+    target = x - left[y, x]
+    mutual = right[y, target] == left[y, x]
+    assert not refused[y[mutual], x[mutual]].any()
+    assert not other[y[mutual], target[mutual]].any()
+    far = np.abs(right[y, target].astype(int) - left[y, x]) > apart
+    np.testing.assert_array_equal(refused[y, x], far)
+
+
+def _twin(cost: np.ndarray, p1: int, p2: int) -> np.ndarray:
+    """The five paths, written as the recurrence stands in the paper."""
+    h, w, search = cost.shape
+    total = np.zeros(cost.shape, np.int64)
+    for dy, dx in ((0, 1), (0, -1), (1, 1), (1, 0), (1, -1)):
+        path = np.zeros(cost.shape, np.int64)
+        rows = range(h)
+        columns = range(w) if dx >= 0 else range(w - 1, -1, -1)
+        for y in rows:
+            for x in columns:
+                inside = 0 <= y - dy < h and 0 <= x - dx < w
+                before = path[y - dy, x - dx] if inside else np.zeros(search, np.int64)
+                padded = np.pad(before, 1, constant_values=10**6)
+                step = np.minimum(padded[:-2], padded[2:]) + p1
+                best = np.minimum(np.minimum(before, step), before.min() + p2)
+                path[y, x] = cost[y, x] + best - before.min()
+        total += path
+    return total
+
+
+@given(seed=st.integers(0, 20), shift=st.integers(0, 3))
+@settings(max_examples=8)
+def test_selection_matches_the_slow_twin(seed, shift):
+    rng = np.random.default_rng(seed)
+    h, w, search = 7, 23, 16
+    cost = rng.integers(0, 2000, (h, w, search)).astype(np.uint16)
+    found = semiglobal.select(cost, p1=150, p2=900, shift=shift)
+    total = _twin(cost, 150, 900)
+    np.testing.assert_array_equal(found.best, total.argmin(2))
+    for y in range(h):
+        for x in range(w):
+            here = [(total[y, x + shift + d, d], d) for d in range(search) if x + shift + d < w]
+            assert found.right_best[y, x] == (min(here)[1] if here else -1)
+            best = int(found.best[y, x])
+            others = np.delete(
+                total[y, x], [k for k in (best - 1, best, best + 1) if 0 <= k < search]
+            )
+            margin = 100 * (others.min() / total[y, x, best] - 1)
+            assert found.margin_pct[y, x] == pytest.approx(margin, abs=0.01)
+            if 0 < best < search - 1:
+                below, at, above = cost[y, x, best - 1 : best + 2].astype(int)
+                bend = below + above - 2 * at
+                vertex = np.clip((below - above) / (2 * bend), -1, 1) if bend > 0 else 0
+                assert found.offset[y, x] == pytest.approx(vertex, abs=1e-6)
+
+
+def _slow_cost(left, right, engine: CensusSemiGlobal, shift: int, search: int) -> np.ndarray:
+    """Cost volume with plain numpy: one disparity after the other."""
+    reach, side = engine.support_px // 2, engine.support_px
+    level = [census.levels(image, presmooth_px=engine.presmooth_px) for image in (left, right)]
+    tolerance = round(engine.tolerance_dn * census.SUBLEVELS)
+    half = engine.census_px // 2
+    h, w = left.shape
+    bits, dn = [], []
+    for one in level:
+        padded = np.pad(one.astype(int), half, mode="edge")
+        taps = [
+            padded[half + y : half + y + h, half + x : half + x + w] + tolerance < one
+            for y, x in census.offsets(engine.census_px)
+        ]
+        bits.append(np.stack(taps, -1))
+        dn.append((one // census.SUBLEVELS).astype(int))
+    weight, cap = round(16 * engine.difference_weight), round(engine.difference_cap_dn)
+    out = np.zeros((h, w, search), int)
+    for d in range(search):
+        source = np.clip(np.arange(w) - shift - d, 0, None)
+        hamming = (bits[0] != bits[1][:, source]).sum(-1)
+        difference = np.minimum(np.abs(dn[0] - dn[1][:, source]), cap)
+        cell = np.pad(hamming + (difference * weight >> 4), reach, mode="edge")
+        summed = sum(cell[y : y + h, x : x + w] for y in range(side) for x in range(side))
+        out[:, :, d] = summed * ((census.COST_SCALE << 16) // side**2) >> 16
+    return out
+
+
+@pytest.mark.parametrize("shift", [0, 5])
+def test_cost_matches_the_slow_twin(shift):
+    left, right = shifted_pair(9, shape=(24, 60))
+    engine = CensusSemiGlobal(support_px=5)
+    setting = Matcher(engine=engine, search_px=16, min_disparity_px=shift)
+    fast = cost_volume(left, right, setting, engine)
+    np.testing.assert_array_equal(fast, _slow_cost(left, right, engine, shift, 16))
+
+
+def test_opencv_fixed_point_is_sixteenths():
+    decoded = opencv.decode(np.array([[-16, 0, 8, 24]], np.int16), 0)
+    np.testing.assert_array_equal(decoded, np.float32([[np.nan, np.nan, 0.5, 1.5]]))
+
+
+def test_smoothing_keeps_jumps_planes_and_holes():
+    plane = np.tile(np.arange(60, dtype=np.float32) * 0.1, (40, 1))
+    plane[:, 30:] += 20
+    plane[10, 10] = np.nan
+    out = subpixel.smooth(plane, np.ones_like(plane), side_px=9, step_px=2.0)
+    assert np.isnan(out[10, 10])
+    np.testing.assert_allclose(out[:, 36:54], plane[:, 36:54], atol=1e-4)
+    assert np.nanmax(np.abs(out - plane)) < 0.3
+
+
+def test_smoothing_counts_by_weight():
+    uneven = np.full((20, 20), 7, np.float32)
+    uneven[10, 10] = 8
+    sure = np.ones_like(uneven)
+    sure[10, 10] = 0
+    assert subpixel.smooth(uneven, sure, side_px=5, step_px=2.0)[10, 10] == 7
+    nobody = np.zeros_like(uneven)
+    kept = subpixel.smooth(uneven, nobody, side_px=5, step_px=2.0)
+    np.testing.assert_array_equal(kept, uneven)
+
+
+def test_a_median_does_not_fill_an_engine_s_hole():
+    flat = np.full((20, 20), 7, np.float32)
+    flat[5:9, 5:9] = np.nan
+    out = subpixel.refine(flat, replace(D4XX.refinement, smooth_px=0))
+    np.testing.assert_array_equal(np.isnan(out), np.isnan(flat))
+
+
+def test_quantum_rounds_and_zero_does_not():
+    values = np.float32([[1.01, np.nan]])
+    np.testing.assert_array_equal(subpixel.quantise(values, 0.0), values)
+    np.testing.assert_array_equal(subpixel.quantise(values, 0.25), np.float32([[1.0, np.nan]]))
+
+
+def test_checks_refuse_what_they_name():
+    step = np.full((12, 12), 5, np.float32)
+    step[:, 6:] = 9
+    np.testing.assert_array_equal(np.nonzero(checks.jump(step, range_px=3.0)[0])[0], [5, 6])
+    assert not checks.jump(step, range_px=4.0).any()
+    assert checks.speckle(step, count=80, step_px=1.0).all()
+    assert not checks.speckle(step, count=0, step_px=1.0).any()
+    assert checks.texture(np.full((20, 20), 9, np.uint8), least_dn=0.1).all()
+    assert not checks.texture(dots((40, 40)), least_dn=0.1).any()
+
+
+def test_neutral_checks_refuse_only_what_no_matcher_can_know():
+    left, right = shifted_pair(20)
+    found = match(left, right, replace(D4XX, checks=Checks()))
+    assert set(np.unique(found.reason)) <= {
+        Reason.VALID, Reason.OUTSIDE_OVERLAP, Reason.AMBIGUOUS, Reason.LEFT_RIGHT
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "said"),
+    [
+        (np.zeros((20, 20), np.uint8), np.zeros((20, 30), np.uint8),
+         "left and right must share one shape; got (20, 20) and (20, 30)."),
+        (np.zeros((20, 20), np.uint8), np.zeros((20, 20), np.uint16),
+         "left and right must both be uint8 or uint16; got uint8 and uint16."),
+        (np.zeros((20, 20)), np.zeros((20, 20)), "must both be uint8 or uint16; got float64"),
+        (np.zeros((8, 20), np.uint8), np.zeros((8, 20), np.uint8), "at least 16 x 16; got (8, 20)"),
+        (np.zeros((0, 0), np.uint8), np.zeros((0, 0), np.uint8), "at least 16 x 16; got (0, 0)"),
+        (np.zeros((20, 20, 3), np.uint8), np.zeros((20, 20, 3), np.uint8), "must be (h, w)"),
+        (np.full((20, 20), 1024, np.uint16), np.zeros((20, 20), np.uint16),
+         "must be <= 1023 as uint16; got 1024. Shift them to 10 bits."),
+    ],
+)  # fmt: skip
+def test_pairs_that_cannot_be_matched_are_refused(left, right, said):
+    with pytest.raises(InputError) as refusal:
+        match(left, right, D4XX)
+    assert said in str(refusal.value)
+
+
+def test_a_result_holds_one_shape():
+    with pytest.raises(InputError, match="must share one shape"):
+        DisparityMap(
+            disparity_px=np.zeros((2, 2), np.float32),
+            valid=np.zeros((2, 3), bool),
+            reason=np.zeros((2, 2), np.uint32),
+        )

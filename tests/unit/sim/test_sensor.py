@@ -1,0 +1,177 @@
+"""Sensors: presets, files, edits, and what each refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+
+from patterns.errors import InputError
+from sim import sensor_edits, sensors
+from sim.sensor import Imager, Post, Projector, Sensor
+
+GEOMETRY = {
+    "name": "mine",
+    "width": 640,
+    "height": 480,
+    "fx_px": 500.0,
+    "fy_px": 500.0,
+    "cx_px": 319.5,
+    "cy_px": 239.5,
+    "baseline_m": 0.05,
+}
+
+
+def _sensor() -> Sensor:
+    return Sensor(**GEOMETRY)
+
+
+@pytest.mark.parametrize("name", sensors.names())
+def test_presets_survive_the_round_trip(name: str, tmp_path: Path) -> None:
+    preset = sensors.load(name)
+    path = tmp_path / "copy.toml"
+    path.write_text(sensors.dumps(preset))
+    assert sensors.load(str(path)) == preset
+    assert preset.name == name
+
+
+@pytest.mark.parametrize("name", sensors.names())
+def test_every_number_of_a_preset_has_its_source(name: str) -> None:
+    """A number without a comment shares the one of the line above (width and height)."""
+    lines = sensors.text(name).splitlines()
+    numbers = [at for at, line in enumerate(lines) if re.match(r"\w+ = [\d.\[-]", line)]
+    assert len(numbers) > 20
+    assert [lines[at] for at in numbers if "#" not in lines[at] + lines[at - 1]] == []
+
+
+def test_defaults_are_neutral_and_survive(tmp_path: Path) -> None:
+    (tmp_path / "x.toml").write_text(sensors.dumps(_sensor()))
+    assert sensors.load(str(tmp_path / "x.toml")) == _sensor()
+
+
+def test_unknown_preset_lists_the_known_nearest_first() -> None:
+    with pytest.raises(InputError, match=r"sensor must be a known name; got 'd436'. Known: d435,"):
+        sensors.load("d436")
+    with pytest.raises(InputError, match=r"sensor must be a known name; got 'd4'"):
+        sensors.text("d4")
+
+
+def test_right_imager_is_as_the_left_unless_said() -> None:
+    table = {**GEOMETRY, "left": {"gain": 2.0}}
+    assert sensors.from_table(table).right == Imager(gain=2.0)
+    assert sensors.from_table({**table, "right": {}}).right == Imager()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"name = ", r"sensor must be TOML; got .*x.toml"),
+        (b"\xff", r"sensor must be TOML; got"),
+        (b"deep = " + b"[" * 5000 + b"]" * 5000, r"sensor must be TOML; got"),
+        (b"", "name must be given; got nothing"),
+        (b"widht = 3", r"key in Sensor must be a known name; got 'widht'. Known: width,"),
+        (b"left = 3", "left must be a table; got 3"),
+        (b"matcher = 3", "matcher must be a table; got 3"),
+        (b"matcher = {setting = 'fats'}", r"matcher must be a known name; got 'fats'. Known: fast"),
+        (b"matcher = {setting = 3}", "matcher must be a known name; got 3"),
+        (b"matcher = {setting = [3]}", r"matcher must be a known name; got \[3\]"),
+    ],
+)
+def test_wrong_files_are_refused(tmp_path: Path, content: bytes, message: str) -> None:
+    (tmp_path / "x.toml").write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        sensors.load(str(tmp_path / "x.toml"))
+
+
+def test_missing_file_is_refused() -> None:
+    with pytest.raises(InputError, match=r"sensor must be a readable file; got nowhere.toml"):
+        sensors.load("nowhere.toml")
+
+
+@pytest.mark.parametrize(
+    ("cls", "values", "message"),
+    [
+        (Imager, {"gain": 0.0}, r"imager.gain must be > 0; got 0.0"),
+        (Imager, {"full_well_e": float("nan")}, r"imager.full_well_e must be > 0; got nan"),
+        (Imager, {"transmission": 1.1}, r"imager.transmission must be in"),
+        (Imager, {"bit_depth": 9}, r"imager.bit_depth must be 8, 10, 12 or 16; got 9"),
+        (Imager, {"black_level_dn": 200.0, "bit_depth": 8}, r"imager.black_level_dn must be in"),
+        (Projector, {"power_w": -1.0}, r"projector.power_w must be in"),
+        (Projector, {"position_m": (0.0, 999.0, 0.0)}, r"projector.position_m.y must be in"),
+        (Projector, {"pattern": ""}, r"projector.pattern must name a pattern; got ''"),
+        (Post, {"depth_unit_m": 0.0}, r"post.depth_unit_m must be > 0"),
+        (Post, {"near_m": 3.0, "far_m": 2.0}, r"post.far_m must be > post.near_m; got 2.0"),
+        (Sensor, {**GEOMETRY, "baseline_m": -0.05}, r"baseline_m must be > 0; got -0.05. The left"),
+        (Sensor, {**GEOMETRY, "width": 0}, r"width must be in \[32, 8192\]; got 0"),
+        (Sensor, {**GEOMETRY, "kind": "lidar"}, r"kind must be a known name; got 'lidar'"),
+    ],
+)
+def test_wrong_values_are_refused(cls: type, values: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        cls(**values)
+
+
+def test_derived_values() -> None:
+    imager = Imager(bit_depth=8, full_well_e=510.0, gain=2.0)
+    assert (imager.ceiling_dn, imager.dn_per_electron) == (255, 1.0)
+    assert _sensor().focal_baseline_px_m == pytest.approx(25.0)
+
+
+def test_edits_are_applied_in_order() -> None:
+    edited = sensor_edits.apply(
+        _sensor(),
+        [
+            "projector.power_w=0.2",
+            "imager.gain = 2",
+            "right.gain=3.0",
+            "projector.pattern=d415",
+            "projector.position_m=[0.03, 0, 0]",
+            'name="x y"',
+        ],
+    )
+    assert edited.projector == Projector(power_w=0.2, pattern="d415", position_m=(0.03, 0.0, 0.0))
+    assert (edited.left.gain, edited.right.gain, edited.name) == (2.0, 3.0, "x y")
+    assert _sensor().projector.power_w == Projector().power_w
+
+
+def test_only_the_outcome_of_edits_must_be_possible() -> None:
+    """A near limit beyond the old far limit is fine once the far limit has moved too."""
+    edited = sensor_edits.apply(_sensor(), ["post.near_m=90.0", "post.far_m=100"])
+    assert (edited.post.near_m, edited.post.far_m) == (90.0, 100.0)
+
+
+def test_matcher_setting_is_edited_by_its_name() -> None:
+    fast = sensor_edits.apply(_sensor(), ["matcher.setting=fast"])
+    assert fast.matcher == sensors.from_table({**GEOMETRY, "matcher": {"setting": "fast"}}).matcher
+    with pytest.raises(InputError, match="matcher must be a known name"):
+        sensor_edits.apply(_sensor(), ["matcher.setting=[1]"])
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        ("projector.power_w", "--set must be PATH=VALUE; got 'projector.power_w'"),
+        ("=3", "--set must be PATH=VALUE"),
+        ("name=", "--set must be PATH=VALUE"),
+        ("name=[3", r"--set name must be a TOML value; got '\[3'. Quote text."),
+        ("name=1\nwidth=7", "--set name must be a TOML value"),
+        ("name=" + "[" * 5000, "--set name must be a TOML value"),
+        ("projector.power=3", r"key in projector must be a known name; .*Known: power_w"),
+        ("projector.power_w.x=3", r"projector.power_w has no fields; got .x"),
+        ("projector.power_w=loud", r"projector.power_w must be of type float; got 'loud'"),
+        ("projector.power_w=true", r"projector.power_w must be of type float; got True"),
+        ("projector.position_m=[1,2]", r"projector.position_m must be a list of 3; got \[1, 2\]"),
+        ("imager.gian=3", "key in left must be a known name; got 'gian'. Known: gain"),
+    ],
+)
+def test_wrong_edits_are_refused(edit: str, message: str) -> None:
+    with pytest.raises(InputError, match=message) as refusal:
+        sensor_edits.apply(_sensor(), [edit])
+    assert len(str(refusal.value)) < 6000 and "\n" not in str(refusal.value)
+
+
+def test_a_sensor_cannot_be_changed_in_place() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        _sensor().width = 3  # type: ignore[misc]

@@ -1,0 +1,89 @@
+"""Pictures: drawn for every kind of capture, with what there is of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from patterns.errors import InputError
+from sim import capture, exr, show, show_captures
+from sim.depth import DepthMap
+from sim.layers import Layers, Truth, View
+
+
+def _decode(data: bytes) -> np.ndarray:
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    return image
+
+
+def _add_reasons(frame: Path, shape: tuple[int, int] = (48, 160)) -> None:
+    """Write a frame.exr with every reason in it."""
+    zeros = np.zeros(shape, np.float32)
+    view = View(projector_direct=zeros, projector_indirect=zeros, ambient=zeros)
+    reason = (np.arange(zeros.size) // 40 % 14).astype(np.uint32).reshape(shape)
+    normal = np.zeros((*shape, 3), np.float32)
+    lit = np.ones(shape, bool)
+    truth = Truth(depth_m=zeros, normal=normal, material=reason, right_sees=lit, lit=lit)
+    depth = DepthMap(disparity_px=zeros, depth_m=zeros, valid=reason == 0, reason=reason)
+    exr.write(frame / "frame.exr", Layers(left=view, right=view, truth=truth), depth)
+
+
+def test_draws_two_columns_of_panels(small_set: Path) -> None:
+    scene = capture.open_set(small_set).scenes[0]
+    image = _decode(show.picture(scene))
+    assert image.shape[1] > 1000
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 100
+    _add_reasons(small_set / "a" / "0")
+    taller = _decode(show.picture(scene))  # The legend of fourteen reasons takes room.
+    assert taller.shape[0] > image.shape[0]
+
+
+def test_draws_what_there_is(small_set: Path) -> None:
+    for name in ("ir_left.png", "ir_right.png"):
+        (small_set / "a" / "0" / name).unlink()
+    (small_set / "a" / "truth.png").unlink()
+    (small_set / "b" / "0" / "depth.png").unlink()
+    first, second = capture.open_set(small_set).scenes
+    assert _decode(show.picture(first)).size
+    assert _decode(show.picture(second)).size
+    with pytest.raises(InputError, match="must have an image in common"):
+        show.picture(first, against=second)
+
+
+def test_draws_depth_that_is_all_holes(small_set: Path) -> None:
+    path = small_set / "a" / "0" / "depth.png"
+    cv2.imwrite(str(path), np.zeros((48, 160), np.uint16))
+    (small_set / "a" / "truth.png").unlink()
+    scene = capture.open_set(small_set).scenes[0]
+    assert _decode(show.picture(scene)).size
+    cv2.imwrite(str(small_set / "a" / "truth.png"), np.zeros((48, 160), np.uint16))
+    assert _decode(show.picture(scene)).size
+
+
+def test_sizes_must_agree(small_set: Path, write_set: Callable, tmp_path: Path) -> None:
+    _add_reasons(small_set / "a" / "0", shape=(48, 152))
+    scene = capture.open_set(small_set).scenes[0]
+    with pytest.raises(InputError, match=r"frame.exr must be 160x48 .* 152x48"):
+        show.picture(scene)
+    other = write_set(tmp_path / "other")
+    info = other / "capture.toml"
+    info.write_text(info.read_text().replace("width = 160", "width = 152"))
+    with pytest.raises(InputError, match="the two captures must have one image size"):
+        show.picture(scene, against=capture.open_set(other).scenes[0])
+
+
+def test_files_and_folders(small_set: Path, write_set: Callable, tmp_path: Path) -> None:
+    other = str(write_set(tmp_path / "other"))
+    one = show_captures.show_captures(str(small_set / "a"), tmp_path / "a.png", against=other)
+    assert one == {"out": str(tmp_path / "a.png"), "files": 1}
+    many = show_captures.show_captures(str(small_set), tmp_path / "many")
+    assert many["files"] == 3
+    names = {path.name for path in (tmp_path / "many").iterdir()}
+    assert names == {"a.png", "b.png", "starling.json"}
+    with pytest.raises(InputError, match="out must be a folder for 2 scenes"):
+        show_captures.show_captures(str(small_set), tmp_path / "b.png")

@@ -1,0 +1,75 @@
+"""Figures as text and as JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim import progress, record, text
+
+
+def test_rows_become_columns() -> None:
+    value = {
+        "seconds": 1.23456,
+        "names": [],
+        "scenes": {"a": {"ours": {"fill": 0.9}, "device": {"fill": None}}},
+        "reasons": {"one": {"deep": {"er": {"x": 1}}}},
+    }
+    assert text.render(value).splitlines() == [
+        "seconds  1.235",
+        "names    -",
+        "",
+        "scenes    fill",
+        "a ours     0.9",
+        "a device     -",
+        "",
+        "reasons one  x",
+        "deep er      1",
+    ]
+
+
+def test_other_values_are_written() -> None:
+    assert text.render([{"name": "a", "x": [1, 2]}]) == "[0]\nname  a\nx     1, 2"
+    assert text.render({"a": {}}) == "a  -"
+    assert text.render(3) == "3"
+
+
+def test_json_holds_no_nan() -> None:
+    @dataclass
+    class Item:
+        path: Path
+        values: tuple[float, float]
+
+    value = {1: Item(Path("x"), (np.nan, 2.0)), "n": np.float32(0.5), "a": np.arange(2)}
+    assert json.loads(record.dumps(value)) == {
+        "1": {"path": "x", "values": [None, 2.0]},
+        "n": 0.5,
+        "a": [0, 1],
+    }
+
+
+def test_versions_name_what_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(record, "_PACKAGES", ("numpy", "no-such-package"))
+    found = record.versions()
+    assert found["numpy"] == np.__version__
+    assert found["no-such-package"] == "not installed"
+
+
+def test_progress_speaks_only_of_long_work(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with progress.on_stderr() as tell:
+        assert list(tell([1, 2], "count")) == [1, 2]
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(progress, "_QUIET_S", -1.0)
+    with progress.on_stderr() as tell:
+        assert list(tell([1, 2], "count")) == [1, 2]
+    assert capsys.readouterr().err == "count 1/2\ncount 2/2\n"
+    monkeypatch.setattr(progress.sys.stderr, "isatty", lambda: True, raising=False)
+    with progress.on_stderr() as tell:
+        assert list(tell([1, 2], "count")) == [1, 2]
+    assert capsys.readouterr().out == ""

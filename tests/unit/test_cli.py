@@ -1,0 +1,297 @@
+"""The command line: what each verb prints, where it prints it, and how it refuses."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import types
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import starling
+from sim import backend, depth, sensors
+from sim.depth import DepthMap
+from sim.layers import Layers, Truth, View
+
+ROOT = Path(__file__).parents[2]
+VERBS = ("doctor", "sensors", "simulate", "match", "compare", "show", "bench")
+Capsys = pytest.CaptureFixture[str]
+
+
+def _run(*arguments: object, capsys: Capsys) -> tuple[int, str, str]:
+    code = starling.main([str(argument) for argument in arguments])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def _refused(*arguments: object, capsys: Capsys) -> str:
+    """Run what must be refused; return its one line."""
+    code, out, err = _run(*arguments, capsys=capsys)
+    assert (code, out) == (1, "")
+    assert err.startswith("starling: ") and err.count("\n") == 1, err
+    return err
+
+
+def _shot(shape: tuple[int, int]) -> Any:
+    zeros = np.zeros(shape, np.float32)
+    ones = np.ones(shape, bool)
+    view = View(projector_direct=zeros, projector_indirect=zeros, ambient=zeros)
+    codes = np.zeros(shape, np.uint32)
+    truth = Truth(
+        depth_m=zeros + 1, normal=np.zeros((*shape, 3), np.float32), material=codes,
+        right_sees=ones, lit=ones,
+    )  # fmt: skip
+    image = np.full(shape, 40, np.uint8)
+    return types.SimpleNamespace(
+        layers=Layers(left=view, right=view, truth=truth),
+        ir_left=image,
+        ir_right=image,
+        depth=DepthMap(disparity_px=zeros + 45, depth_m=zeros + 1, valid=ones, reason=codes),
+        exposure_s=8e-3,
+        gain=1.0,
+    )
+
+
+@pytest.fixture
+def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put simple stand-ins where rendering and matching would take seconds."""
+    from sim import scenes, simulate
+
+    def simulated(scene: Any, sensor: Any, **_: Any) -> Any:
+        return _shot((sensor.height, sensor.width))
+
+    def measured(left: np.ndarray, right: np.ndarray, sensor: Any, *, causes: Any) -> DepthMap:
+        return _shot(left.shape).depth
+
+    monkeypatch.setattr(scenes, "load", lambda text, sensor: text)
+    monkeypatch.setattr(simulate, "simulate", simulated)
+    monkeypatch.setattr(simulate, "expose", lambda layers, sensor, **_: simulated(None, sensor))
+    monkeypatch.setattr(depth, "measure", measured)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_help_with_an_example(verb: str, capsys: Capsys) -> None:
+    code, out, _ = _run(verb, "--help", capsys=capsys)
+    assert code == 0
+    assert f"Example: starling {verb}" in out
+    assert "--json" in out and "--debug" in out
+
+
+def test_help_is_quick_and_lists_the_verbs() -> None:
+    started = time.perf_counter()
+    run = subprocess.run(
+        [sys.executable, ROOT / "starling.py", "--help"], capture_output=True, text=True, check=True
+    )
+    assert time.perf_counter() - started < 3  # Under 1 s on a machine that does nothing else.
+    assert all(verb in run.stdout for verb in VERBS)
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["simluate"], ["simulate", "wall"], ["sensors", "shwo"], ["bench", "--fast"]]
+)
+def test_bad_flags_exit_2(arguments: list[str], capsys: Capsys) -> None:
+    assert _run(*arguments, capsys=capsys)[:2] == (2, "")
+
+
+def test_sensors(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sensors, "names", lambda: ["d415", "d435"])
+    code, out, _ = _run("sensors", "--json", capsys=capsys)
+    assert code == 0 and json.loads(out)["d435"]["width"] == 848
+    assert "d415" in _run("sensors", "list", capsys=capsys)[1]
+    shown = _run("sensors", "show", "d435", capsys=capsys)[1]
+    assert shown.rstrip() == sensors.text("d435").rstrip()
+    table = json.loads(_run("sensors", "show", "d435", "--json", capsys=capsys)[1])
+    assert table["projector"]["power_w"] > 0
+    assert "must be a known name; got 'd436'" in _refused("sensors", "show", "d436", capsys=capsys)
+    assert "name must be given" in _refused("sensors", "show", capsys=capsys)
+
+
+def test_doctor_and_bench_print_what_they_are_told(
+    capsys: Capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stand_in = types.ModuleType("sim.bench")
+    stand_in.bench = lambda: {"ratio": 1.5}  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "sim.bench", stand_in)
+    monkeypatch.setattr("sim.bench", stand_in, raising=False)
+    monkeypatch.setattr(backend, "report", lambda: {"variant": "x"})
+    assert json.loads(_run("doctor", "--json", capsys=capsys)[1]) == {"variant": "x"}
+    assert _run("bench", capsys=capsys)[1] == "ratio  1.5\n"
+
+
+@pytest.mark.usefixtures("no_renderer")
+def test_simulate_writes_a_whole_set(capsys: Capsys, tmp_path: Path, small_set: Path) -> None:
+    out = tmp_path / "out"
+    code, said, err = _run(
+        "simulate", small_set, "--sensor", "d435", "--out", out, "--frames", 2, "--seed", 7,
+        "--set", "projector.power_w=0.2", "--set", "imager.gain=2", "--json", capsys=capsys,
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    result = json.loads(said)
+    assert set(result) == {"out", "files", "seconds", "scenes"}
+    assert result["files"] == 3 + 2 * (2 + 2 * 5)
+    record = json.loads((out / "starling.json").read_text())
+    assert record["verb"] == "simulate" and record["arguments"]["seed"] == 7
+    assert record["versions"]["numpy"] == np.__version__ and set(record["figures"]) == {"a", "b"}
+    sensor = sensors.load(str(out / "sensor.toml"))
+    assert (sensor.width, sensor.fx_px, sensor.baseline_m) == (160, 90.0, 0.05)
+    assert (sensor.projector.power_w, sensor.right.gain) == (0.2, 2.0)
+    frame = json.loads((out / "a" / "1" / "frame.json").read_text())
+    assert (frame["frame"], frame["seed"], frame["laser_power"]) == (1, 7, 0.2)
+    assert frame["reasons"] == {"valid": 48 * 160}
+    assert (out / "a" / "room").read_text() == "kitchen\n"
+    code, said, _ = _run("compare", small_set, out, "--json", capsys=capsys)
+    assert code == 0
+    assert json.loads(said)["metrics"]["ndp_rate"]["sim"] == 0
+    assert "nmad_px" in _run("compare", small_set / "a", out / "a", capsys=capsys)[1]
+    assert "--force" in _refused(
+        "simulate", small_set, "--sensor", "d435", "--out", out, capsys=capsys
+    )
+
+
+@pytest.mark.usefixtures("no_renderer")
+def test_simulate_a_builtin_scene(capsys: Capsys, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    small = ("--set", "width=64", "--set", "height=48", "--set", "cx_px=31.5", "--set", "cy_px=24")
+    assert _run("simulate", "wall", "--sensor", "d435", "--out", out, *small, capsys=capsys)[0] == 0
+    assert (out / "wall" / "0" / "frame.exr").is_file()
+    assert "frames must be in" in _refused(
+        "simulate", "wall", "--sensor", "d435", "--out", out, "--frames", "0", capsys=capsys
+    )
+
+
+@pytest.mark.usefixtures("no_renderer")
+def test_match_prints_and_writes(capsys: Capsys, tmp_path: Path, small_set: Path) -> None:
+    (small_set / "b" / "truth.png").unlink()
+    out = tmp_path / "out"
+    code, said, err = _run(
+        "match", small_set, "--sensor", "d415", "--setting", "fast", "--out", out, "--json",
+        capsys=capsys,
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    result = json.loads(said)
+    keys = {"bias_px", "nmad_px", "bad1_pct", "fill", "ndp_iou"}
+    for row in (*result["scenes"].values(), result["median"]):
+        assert {name: set(figures) for name, figures in row.items()} == dict.fromkeys(
+            ("ours", "device", "agreement"), keys
+        )
+    assert result["scenes"]["b"]["ours"]["fill"] is None
+    assert result["scenes"]["b"]["agreement"]["fill"] == 1
+    assert (out / "a" / "0" / "depth.png").is_file()
+    assert not (out / "a" / "0" / "ir_left.png").exists()
+    message = _refused("match", out, "--sensor", "d415", capsys=capsys)
+    assert "must hold ir_left.png and ir_right.png" in message
+    message = _refused("match", small_set, "--sensor", "d415", "--setting", "fats", capsys=capsys)
+    assert "Known: fast" in message
+
+
+@pytest.mark.usefixtures("no_renderer")
+def test_match_without_device_or_known_truth(capsys: Capsys, small_set: Path) -> None:
+    for scene in ("a", "b"):
+        (small_set / scene / "0" / "depth.png").unlink()
+    (small_set / "a" / "truth.png").unlink()
+    cv2.imwrite(str(small_set / "b" / "truth.png"), np.zeros((48, 160), np.uint16))
+    said = _run("match", small_set, "--sensor", "d415", "--json", capsys=capsys)[1]
+    assert json.loads(said)["median"]["ours"] == dict.fromkeys(
+        ("bias_px", "nmad_px", "bad1_pct", "fill", "ndp_iou")
+    )
+
+
+def test_show_writes_a_picture(capsys: Capsys, tmp_path: Path, small_set: Path) -> None:
+    out = tmp_path / "a.png"
+    code, said, _ = _run("show", small_set / "a", "--out", out, "--json", capsys=capsys)
+    assert code == 0 and json.loads(said) == {"out": str(out), "files": 1}
+    assert cv2.imread(str(out)) is not None
+    assert "out must not exist" in _refused("show", small_set / "a", "--out", out, capsys=capsys)
+    assert "There are: 0" in _refused(
+        "show", small_set / "a", "--out", out, "--frame", 9, "--force", capsys=capsys
+    )
+
+
+@pytest.mark.usefixtures("no_renderer")
+def test_full_disk_is_one_line_and_leaves_nothing(
+    capsys: Capsys, tmp_path: Path, small_set: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = Path.write_bytes
+
+    def fail(self: Path, data: bytes) -> int:
+        if self.name == "frame.json":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(self, data)
+
+    monkeypatch.setattr(Path, "write_bytes", fail)
+    out = tmp_path / "new" / "out"
+    message = _refused("simulate", small_set, "--sensor", "d415", "--out", out, capsys=capsys)
+    assert "disk full. Free some space." in message
+    assert not out.parent.exists()
+
+
+def test_other_errors_are_one_line_too(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    def raising(error: BaseException) -> Callable[[], None]:
+        def report() -> None:
+            raise error
+
+        return report
+
+    monkeypatch.setattr(backend, "report", raising(backend.BackendError("no\nvariant")))
+    assert _refused("doctor", capsys=capsys) == "starling: no variant\n"
+    monkeypatch.setattr(backend, "report", raising(KeyError("x")))
+    message = _refused("doctor", capsys=capsys)
+    assert "an error of starling itself, KeyError" in message and "--debug" in message
+    with pytest.raises(KeyError):
+        starling.main(["doctor", "--debug"])
+    monkeypatch.setattr(backend, "report", raising(KeyboardInterrupt()))
+    assert _run("doctor", capsys=capsys)[0] == 130
+    monkeypatch.setattr(backend, "report", raising(SystemExit("stop")))
+    assert _run("doctor", capsys=capsys)[0] == 1
+
+
+def test_warnings_are_one_line(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    def report() -> dict[str, int]:
+        warnings.warn("slow", backend.ScalarFallbackWarning, stacklevel=1)
+        return {"a": 1}
+
+    monkeypatch.setattr(backend, "report", report)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        code, out, err = _run("doctor", "--json", capsys=capsys)
+    assert (code, json.loads(out), err) == (0, {"a": 1}, "starling: warning: slow\n")
+
+
+def test_reader_that_goes_away_is_no_error() -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", f"import sys, starling; sys.stdout = open({os.devnull!r}, 'w');"
+         "starling._say = lambda *_: (_ for _ in ()).throw(BrokenPipeError());"
+         "sys.exit(starling.main(['sensors', 'show', 'd435']))"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (run.returncode, run.stderr) == (0, "")
+
+
+def test_termination_leaves_nothing(tmp_path: Path) -> None:
+    """A process that is told to end while it writes cleans up like one that fails."""
+    code = (
+        "import sys, time, starling; from sim import backend; from sim.output import OutputFolder\n"
+        "def report():\n"
+        f"    with OutputFolder({str(tmp_path / 'out')!r}) as folder:\n"
+        "        folder.write('a', 'x'); print('ready', flush=True); time.sleep(60)\n"
+        "backend.report = report\n"
+        "sys.exit(starling.main(['doctor']))"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE) as run:
+        assert run.stdout is not None
+        run.stdout.readline()
+        assert list(tmp_path.iterdir())
+        run.send_signal(signal.SIGTERM)
+        assert run.wait(10) == 143
+    assert not list(tmp_path.iterdir())
