@@ -119,6 +119,8 @@ def _chunks(data: bytes, parts: list[_Part], at: int, *, pixels: bool) -> None:
                 raise DamagedError("cut short")
             lines = min(_LINES, part.height - index * _LINES)
             size = lines * part.width * part.bytes_per_pixel
+            if packed > size:
+                raise DamagedError("a chunk that is too long")
             if pixels and packed < size:  # What does not shrink is stored as it is.
                 _check_inflates(data[start : start + packed], size)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import reduce
 
 import numpy as np
@@ -15,6 +16,7 @@ from sim.reason import Reason, first_cause
 
 LEAST_PX = 16  # A smaller image holds no window and no search.
 TEN_BITS = 1023
+BANDS = 2  # Bands of rows whose cost is averaged at the same time.
 
 _Causes = dict[Reason, NDArray[np.bool_]]
 
@@ -104,28 +106,28 @@ def _support(left: NDArray, disparity: NDArray[np.float32], setting: Checks) -> 
 
 def support_cost(
     left: NDArray, right: NDArray, matcher: Matcher, engine: CensusSemiGlobal
-) -> NDArray[np.uint16]:
-    """Cost volume of the own engine, (h, w, search), `census.COST_SCALE` per bit."""
-    pad = matcher.min_disparity_px
-    signs, brightness = [], []
-    for image in (left, right):
-        level = census.levels(image, presmooth_px=engine.presmooth_px)
-        tolerance = round(engine.tolerance_dn * census.SUBLEVELS)
-        signs.append(census.census(level, census_px=engine.census_px, tolerance=tolerance))
-        brightness.append((level // census.SUBLEVELS).astype(np.uint8))
-    beyond = pad + matcher.search_px
-    return census.support_cost(
-        signs[0],
-        census.mirrored(signs[1], pad=beyond),
-        brightness[0],
-        census.mirrored(brightness[1], pad=beyond),
-        pad,
-        matcher.search_px,
-        np.uint16(round(16 * engine.difference_weight)),
-        np.uint16(round(engine.difference_cap_dn)),
-        engine.support_px // 2,
-        8,
+) -> Callable[[int, NDArray[np.uint16]], None]:
+    """Cost of the own engine: a call fills (rows, w, search) from the given image row on.
+
+    The cost has `census.COST_SCALE` levels per bit.
+    """
+    shift = matcher.min_disparity_px
+    tolerance = round(engine.tolerance_dn * census.SUBLEVELS)
+    level, level_r = (
+        census.levels(image, presmooth_px=engine.presmooth_px) for image in (left, right)
     )
+    bits = census.census(level, census_px=engine.census_px, tolerance=tolerance)
+    bits_r = census.census(level_r, census_px=engine.census_px, tolerance=tolerance)
+    dn, dn_r = ((one // census.SUBLEVELS).astype(np.uint8) for one in (level, level_r))
+    beyond = shift + matcher.search_px
+    bits_r, dn_r = census.mirrored(bits_r, pad=beyond), census.mirrored(dn_r, pad=beyond)
+    weight = np.uint16(round(16 * engine.difference_weight))
+    cap, reach = np.uint16(round(engine.difference_cap_dn)), engine.support_px // 2
+
+    def fill(start: int, out: NDArray[np.uint16]) -> None:
+        census.support_cost(bits, bits_r, dn, dn_r, shift, weight, cap, reach, start, BANDS, out)
+
+    return fill
 
 
 def _census_semi_global(
@@ -134,6 +136,7 @@ def _census_semi_global(
     """Run the own engine: cost, selection, sub-pixel fit, refinement, and the checks it can do."""
     found = semiglobal.select(
         support_cost(left, right, matcher, engine),
+        (*left.shape, matcher.search_px),
         p1=round(engine.small_penalty * census.COST_SCALE),
         p2=round(engine.large_penalty * census.COST_SCALE),
         shift=matcher.min_disparity_px,

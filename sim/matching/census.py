@@ -111,7 +111,7 @@ def _cost_row(bits, bits_r, dn, dn_r, pad, weight, cap, out):  # pragma: no cove
 
 @nb.njit(parallel=True, cache=True)
 def support_cost(
-    bits, bits_r, dn, dn_r, pad, search, weight, cap, reach, bands
+    bits, bits_r, dn, dn_r, pad, weight, cap, reach, start, bands, out
 ):  # pragma: no cover - compiled
     """Average the cost over a square of side 2 * reach + 1; rows and columns repeat outwards.
 
@@ -120,19 +120,18 @@ def support_cost(
     Args:
         bits, dn: (h, w) census and brightness [DN] of the left image, uint64 and uint8.
         bits_r, dn_r: (h, w + pad + search) the right image's, mirrored, last column repeated.
-        pad: smallest disparity [px]. search: count of disparities.
+        pad: smallest disparity [px].
         weight: 1/16 bit per DN. cap: largest difference [DN].
         reach: half side of the support. bands: count of bands.
-
-    Returns:
-        (h, w, search) uint16, COST_SCALE per bit.
+        start: image row of the first row of `out`.
+        out: (rows, w, search) uint16, filled with the cost, COST_SCALE per bit.
     """
-    h, w = bits.shape
+    h = bits.shape[0]
+    rows, w, search = out.shape
     side = 2 * reach + 1
     scale = _u32((COST_SCALE << 16) // (side * side))
-    out = np.empty((h, w, search), np.uint16)
     for band in nb.prange(bands):
-        first, last = band * h // bands, (band + 1) * h // bands
+        first, last = start + band * rows // bands, start + (band + 1) * rows // bands
         ring = np.zeros((side, w, search), np.uint8)
         column = np.zeros((w, search), np.uint16)
         run = np.zeros(search, np.uint16)
@@ -154,12 +153,11 @@ def support_cost(
                 for d in range(search):
                     run[d] = _u16(run[d] + edge[d])
             for x in range(w):
-                target, ahead = out[y - reach, x], column[min(x + reach + 1, w - 1)]
+                target, ahead = out[y - reach - start, x], column[min(x + reach + 1, w - 1)]
                 behind = column[max(x - reach, 0)]
                 for d in range(search):
                     target[d] = _u16(_u32(_u32(run[d]) * scale) >> _u32(16))
                     run[d] = _u16(_u16(run[d] + ahead[d]) - behind[d])
-    return out
 
 
 def mirrored(rows: NDArray, *, pad: int) -> NDArray:

@@ -7,6 +7,7 @@ lean down by 1 to 2 px, docs/decisions/0003-matcher.md). Source: Hirschmueller 2
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numba as nb
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 _u16, _u32 = np.uint16, np.uint32
 _WALL = 40_000  # Cost outside the searched range: above any real one, far from overflow.
+BAND_ROWS = 96  # So many rows of the volume exist at a time: they fit the cache.
 _CHUNKS = 4  # Columns of one row are swept in so many pieces at a time.
 
 
@@ -45,11 +47,10 @@ def _advance(before, floor, cost, now, total, p1, p2):  # pragma: no cover - com
 
 
 @nb.njit(parallel=True, cache=True)
-def sweep_sideways(cost, p1, p2):  # pragma: no cover - compiled
-    """Sum of the two horizontal paths' costs, (h, w, search) uint16."""
-    h, w, search = cost.shape
-    total = np.empty((h, w, search), np.uint16)
-    for y in nb.prange(h):
+def _sweep_sideways(cost, total, p1, p2):  # pragma: no cover - compiled
+    """Fill `total` with the sum of the two horizontal paths' costs."""
+    rows, w, search = cost.shape
+    for y in nb.prange(rows):
         a = np.full(search + 2, _WALL, np.uint16)
         b = np.full(search + 2, _WALL, np.uint16)
         total[y] = 0
@@ -60,37 +61,35 @@ def sweep_sideways(cost, p1, p2):  # pragma: no cover - compiled
                 x = w - 1 - i if leftward else i
                 floor = _advance(a, floor, cost[y, x], b, total[y, x], p1, p2)
                 a, b = b, a
-    return total
 
 
 @nb.njit(parallel=True, cache=True)
-def sweep_down(cost, total, p1, p2):  # pragma: no cover - compiled
-    """Add the three downward paths' costs to `total` in place (straight, and both diagonals)."""
-    h, w, search = cost.shape
-    # State of each path along a row, one column of margin either side: path, column, disparity.
-    above = np.full((3, w + 2, search + 2), _WALL, np.uint16)
-    here = np.full((3, w + 2, search + 2), _WALL, np.uint16)
-    above[:, :, 1 : search + 1] = 0
-    here[:, 0, 1 : search + 1] = 0
-    here[:, w + 1, 1 : search + 1] = 0
-    floor_above = np.zeros((3, w + 2), np.uint16)
-    floor_here = np.zeros((3, w + 2), np.uint16)
-    for y in range(h):
+def _sweep_down(cost, total, p1, p2, state, floor, start):  # pragma: no cover - compiled
+    """Add the three downward paths' costs to `total` (straight, and both diagonals).
+
+    Args:
+        state: (2, 3, w + 2, search + 2) costs of each path along the last two rows, one column
+            and one disparity of margin either side; even rows in the first half, odd in the other.
+        floor: (2, 3, w + 2) their least cost.
+        start: image row of the first row of `cost`.
+    """
+    rows, w, _ = cost.shape
+    for y in range(rows):
+        here = (start + y) % 2
+        above = 1 - here
         for chunk in nb.prange(_CHUNKS):
             for x in range(chunk * w // _CHUNKS, (chunk + 1) * w // _CHUNKS):
                 for path in range(3):
                     source = x + path  # Columns x - 1, x, x + 1 of the row above.
-                    floor_here[path, x + 1] = _advance(
-                        above[path, source],
-                        floor_above[path, source],
+                    floor[here, path, x + 1] = _advance(
+                        state[above, path, source],
+                        floor[above, path, source],
                         cost[y, x],
-                        here[path, x + 1],
+                        state[here, path, x + 1],
                         total[y, x],
                         p1,
                         p2,
                     )
-        above, here = here, above
-        floor_above, floor_here = floor_here, floor_above
 
 
 @nb.njit(inline="always")
@@ -103,7 +102,8 @@ def _parabola(below, at, above):  # pragma: no cover - compiled
 
 
 @nb.njit(parallel=True, cache=True)
-def _select(total, cost, index, offset, bend, right, margin, shift):  # pragma: no cover - compiled
+def _select(total, cost, found, shift):  # pragma: no cover - compiled
+    best_at, offset, bend, right, margin = found
     h, w, search = total.shape
     for y in nb.prange(h):
         # Cost and index in one number, so that the least number names the lowest best index.
@@ -122,7 +122,7 @@ def _select(total, cost, index, offset, bend, right, margin, shift):  # pragma: 
                 second = min(second, row[d])
             for d in range(best + 2, search):
                 second = min(second, row[d])
-            index[y, x] = best
+            best_at[y, x] = best
             lowest = np.float32(max(row[best], _u16(1)))
             margin[y, x] = np.float32(100.0) * (np.float32(second) / lowest - np.float32(1.0))
             if 0 < best < search - 1:
@@ -133,20 +133,27 @@ def _select(total, cost, index, offset, bend, right, margin, shift):  # pragma: 
             right[y, x] = -1 if key == _u32(0xFFFFFFFF) else np.int16(key & _u32(255))
 
 
-def select(cost: NDArray[np.uint16], *, p1: int, p2: int, shift: int) -> Winners:
+def select(
+    cost: Callable[[int, NDArray[np.uint16]], None],
+    shape: tuple[int, int, int],
+    *,
+    p1: int,
+    p2: int,
+    shift: int,
+) -> Winners:
     """Choose the disparity of every pixel, seen from the left and from the right.
 
     The right view's winner is the least total along the volume's diagonal: no second matching.
     The sub-pixel part is fitted to the support's own cost, because the summed paths' cost is bent
-    by the penalties and pulls towards whole pixels.
+    by the penalties and pulls towards whole pixels. As every path runs along a row or downwards,
+    the volume is made and forgotten band by band.
 
     Args:
-        cost: (h, w, search) support cost.
+        cost: fills the support cost (rows, w, search) from the given image row on.
+        shape: h, w, search of the whole volume.
         p1, p2: penalties in the cost's unit. shift: smallest disparity [px].
     """
-    h, w, _ = cost.shape
-    total = sweep_sideways(cost, _u16(p1), _u16(p2))
-    sweep_down(cost, total, _u16(p1), _u16(p2))
+    h, w, search = shape
     found = Winners(
         best=np.zeros((h, w), np.int16),
         offset=np.zeros((h, w), np.float32),
@@ -154,5 +161,16 @@ def select(cost: NDArray[np.uint16], *, p1: int, p2: int, shift: int) -> Winners
         right_best=np.full((h, w), -1, np.int16),
         margin_pct=np.zeros((h, w), np.float32),
     )
-    _select(total, cost, *found, shift)
+    volume = np.empty((2, min(h, BAND_ROWS), w, search), np.uint16)
+    state = np.full((2, 3, w + 2, search + 2), _WALL, np.uint16)
+    state[:, :, :, 1:-1] = 0  # A path that starts costs nothing yet.
+    floor = np.zeros((2, 3, w + 2), np.uint16)
+    for start in range(0, h, BAND_ROWS):
+        rows = slice(start, min(start + BAND_ROWS, h))
+        support, total = volume[:, : rows.stop - start]
+        cost(start, support)
+        _sweep_sideways(support, total, _u16(p1), _u16(p2))
+        _sweep_down(support, total, _u16(p1), _u16(p2), state, floor, start)
+        band = Winners(*(part[rows] for part in found))
+        _select(total, support, band, shift)
     return found
