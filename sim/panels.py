@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 INK = "#23262b"
 ERROR_LIMIT_PX = 1.0
 BAR_IN = 0.62  # Room that a scale bar takes below its panel [inch].
+_LEAST_SPAN = 0.05  # Of the depth itself: on a wall, noise shall not fill the scale.
 _LEGEND_COLUMNS = 3
 _LEGEND_LINE_IN = 0.2
 _HOLE = "#ffffff"  # No colour of the maps below.
@@ -57,7 +58,8 @@ def depth_limits(*depths_m: NDArray[np.float32] | None) -> tuple[float, float]:
     if values.size == 0:
         return 0.0, 1.0
     near, far = np.percentile(values, (0.5, 99.5))
-    return float(near), float(max(far, near + 1e-3))
+    widen = max(0.0, _LEAST_SPAN * near - (far - near)) / 2
+    return float(near - widen), float(far + widen)
 
 
 def infrared(axes: Axes, image: GreyImage, limits: tuple[float, float], title: str) -> None:
@@ -114,11 +116,11 @@ def reasons(axes: Axes, reason: NDArray[np.uint32], title: str) -> None:
         bbox_to_anchor=(0.5, 0.0),
         ncols=min(_LEGEND_COLUMNS, len(handles)),
         frameon=False,
-        fontsize=8.5,
+        fontsize=8,
         labelcolor=INK,
         handlelength=1.1,
         handleheight=1.1,
-        columnspacing=1.2,
+        columnspacing=0.9,
     )
 
 
@@ -136,7 +138,7 @@ def error(axes: Axes, error_px: NDArray[np.float32], title: str) -> None:
     if known.size:
         median = float(np.median(known))
         nmad = 1.4826 * float(np.median(np.abs(known - median)))
-        note = f"median {median:+.2f} px, NMAD {nmad:.2f} px; grey: unknown"
+        note = f"median {median:+.3f} px, NMAD {nmad:.3f} px; grey: unknown"
     finish(axes, title, note)
     _bar(axes, shown, "disparity error [px]; red: too near")
 

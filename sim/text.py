@@ -18,7 +18,7 @@ def render(value: Any) -> str:
         a        0.9
         b        0.8
     """
-    return re.sub(r"\n{3,}", "\n\n", "\n".join(_lines(value, ""))).strip("\n")
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(_rows(value, "") or _lines(value, ""))).strip("\n")
 
 
 def _lines(value: Any, title: str) -> list[str]:

@@ -16,7 +16,6 @@ from sim.reason import Reason, first_cause
 
 LEAST_PX = 16  # A smaller image holds no window and no search.
 TEN_BITS = 1023
-BANDS = 2  # Bands of rows whose cost is averaged at the same time.
 
 _Causes = dict[Reason, NDArray[np.bool_]]
 
@@ -125,7 +124,7 @@ def support_cost(
     cap, reach = np.uint16(round(engine.difference_cap_dn)), engine.support_px // 2
 
     def fill(start: int, out: NDArray[np.uint16]) -> None:
-        census.support_cost(bits, bits_r, dn, dn_r, shift, weight, cap, reach, start, BANDS, out)
+        census.support_cost(bits, bits_r, dn, dn_r, shift, weight, cap, reach, start, out)
 
     return fill
 

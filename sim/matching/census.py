@@ -109,20 +109,20 @@ def _cost_row(bits, bits_r, dn, dn_r, pad, weight, cap, out):  # pragma: no cove
             row[d] = _u8(differing + _u16(_u16(step * weight) >> _u16(4)))
 
 
-@nb.njit(parallel=True, cache=True)
+@nb.njit(nogil=True, cache=True)
 def support_cost(
-    bits, bits_r, dn, dn_r, pad, weight, cap, reach, start, bands, out
+    bits, bits_r, dn, dn_r, pad, weight, cap, reach, start, out
 ):  # pragma: no cover - compiled
     """Average the cost over a square of side 2 * reach + 1; rows and columns repeat outwards.
 
-    Bands of rows are independent; each keeps only the rows its window spans.
+    Keeps only the rows its window spans, so that any band of rows can be made alone.
 
     Args:
         bits, dn: (h, w) census and brightness [DN] of the left image, uint64 and uint8.
         bits_r, dn_r: (h, w + pad + search) the right image's, mirrored, last column repeated.
         pad: smallest disparity [px].
         weight: 1/16 bit per DN. cap: largest difference [DN].
-        reach: half side of the support. bands: count of bands.
+        reach: half side of the support.
         start: image row of the first row of `out`.
         out: (rows, w, search) uint16, filled with the cost, COST_SCALE per bit.
     """
@@ -130,34 +130,32 @@ def support_cost(
     rows, w, search = out.shape
     side = 2 * reach + 1
     scale = _u32((COST_SCALE << 16) // (side * side))
-    for band in nb.prange(bands):
-        first, last = start + band * rows // bands, start + (band + 1) * rows // bands
-        ring = np.zeros((side, w, search), np.uint8)
-        column = np.zeros((w, search), np.uint16)
-        run = np.zeros(search, np.uint16)
-        for y in range(first - reach, last + reach):
-            row = ring[(y - first + reach) % side]
-            for x in range(w):
-                for d in range(search):
-                    column[x, d] = _u16(column[x, d] - row[x, d])
-            source = min(max(y, 0), h - 1)
-            _cost_row(bits[source], bits_r[source], dn[source], dn_r[source], pad, weight, cap, row)
-            for x in range(w):
-                for d in range(search):
-                    column[x, d] = _u16(column[x, d] + row[x, d])
-            if y - reach < first:
-                continue
-            run[:] = 0
-            for k in range(-reach, reach + 1):
-                edge = column[min(max(k, 0), w - 1)]
-                for d in range(search):
-                    run[d] = _u16(run[d] + edge[d])
-            for x in range(w):
-                target, ahead = out[y - reach - start, x], column[min(x + reach + 1, w - 1)]
-                behind = column[max(x - reach, 0)]
-                for d in range(search):
-                    target[d] = _u16(_u32(_u32(run[d]) * scale) >> _u32(16))
-                    run[d] = _u16(_u16(run[d] + ahead[d]) - behind[d])
+    ring = np.zeros((side, w, search), np.uint8)
+    column = np.zeros((w, search), np.uint16)
+    run = np.zeros(search, np.uint16)
+    for y in range(start - reach, start + rows + reach):
+        row = ring[(y - start + reach) % side]
+        for x in range(w):
+            for d in range(search):
+                column[x, d] = _u16(column[x, d] - row[x, d])
+        source = min(max(y, 0), h - 1)
+        _cost_row(bits[source], bits_r[source], dn[source], dn_r[source], pad, weight, cap, row)
+        for x in range(w):
+            for d in range(search):
+                column[x, d] = _u16(column[x, d] + row[x, d])
+        if y - reach < start:
+            continue
+        run[:] = 0
+        for k in range(-reach, reach + 1):
+            edge = column[min(max(k, 0), w - 1)]
+            for d in range(search):
+                run[d] = _u16(run[d] + edge[d])
+        for x in range(w):
+            target, ahead = out[y - reach - start, x], column[min(x + reach + 1, w - 1)]
+            behind = column[max(x - reach, 0)]
+            for d in range(search):
+                target[d] = _u16(_u32(_u32(run[d]) * scale) >> _u32(16))
+                run[d] = _u16(_u16(run[d] + ahead[d]) - behind[d])
 
 
 def mirrored(rows: NDArray, *, pad: int) -> NDArray:

@@ -8,6 +8,7 @@ lean down by 1 to 2 px, docs/decisions/0003-matcher.md). Source: Hirschmueller 2
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numba as nb
@@ -16,8 +17,8 @@ from numpy.typing import NDArray
 
 _u16, _u32 = np.uint16, np.uint32
 _WALL = 40_000  # Cost outside the searched range: above any real one, far from overflow.
-BAND_ROWS = 96  # So many rows of the volume exist at a time: they fit the cache.
-_CHUNKS = 4  # Columns of one row are swept in so many pieces at a time.
+BAND_ROWS = 48  # So many rows of the volume exist at a time: they fit the cache.
+_AHEAD = 2  # Bands whose cost and sideways paths are made while an earlier one is finished.
 
 
 class Winners(NamedTuple):
@@ -46,11 +47,11 @@ def _advance(before, floor, cost, now, total, p1, p2):  # pragma: no cover - com
     return least
 
 
-@nb.njit(parallel=True, cache=True)
+@nb.njit(nogil=True, cache=True)
 def _sweep_sideways(cost, total, p1, p2):  # pragma: no cover - compiled
     """Fill `total` with the sum of the two horizontal paths' costs."""
     rows, w, search = cost.shape
-    for y in nb.prange(rows):
+    for y in range(rows):
         a = np.full(search + 2, _WALL, np.uint16)
         b = np.full(search + 2, _WALL, np.uint16)
         total[y] = 0
@@ -63,7 +64,7 @@ def _sweep_sideways(cost, total, p1, p2):  # pragma: no cover - compiled
                 a, b = b, a
 
 
-@nb.njit(parallel=True, cache=True)
+@nb.njit(nogil=True, cache=True)
 def _sweep_down(cost, total, p1, p2, state, floor, start):  # pragma: no cover - compiled
     """Add the three downward paths' costs to `total` (straight, and both diagonals).
 
@@ -77,19 +78,18 @@ def _sweep_down(cost, total, p1, p2, state, floor, start):  # pragma: no cover -
     for y in range(rows):
         here = (start + y) % 2
         above = 1 - here
-        for chunk in nb.prange(_CHUNKS):
-            for x in range(chunk * w // _CHUNKS, (chunk + 1) * w // _CHUNKS):
-                for path in range(3):
-                    source = x + path  # Columns x - 1, x, x + 1 of the row above.
-                    floor[here, path, x + 1] = _advance(
-                        state[above, path, source],
-                        floor[above, path, source],
-                        cost[y, x],
-                        state[here, path, x + 1],
-                        total[y, x],
-                        p1,
-                        p2,
-                    )
+        for x in range(w):
+            for path in range(3):
+                source = x + path  # Columns x - 1, x, x + 1 of the row above.
+                floor[here, path, x + 1] = _advance(
+                    state[above, path, source],
+                    floor[above, path, source],
+                    cost[y, x],
+                    state[here, path, x + 1],
+                    total[y, x],
+                    p1,
+                    p2,
+                )
 
 
 @nb.njit(inline="always")
@@ -101,11 +101,12 @@ def _parabola(below, at, above):  # pragma: no cover - compiled
     return min(1.0, max(-1.0, (np.int64(below) - np.int64(above)) / (2.0 * bend))), float(bend)
 
 
-@nb.njit(parallel=True, cache=True)
-def _select(total, cost, found, shift):  # pragma: no cover - compiled
-    best_at, offset, bend, right, margin = found
+@nb.njit(nogil=True, cache=True)
+def _select(
+    total, cost, best_at, offset, bend, right, margin, shift
+):  # pragma: no cover - compiled
     h, w, search = total.shape
-    for y in nb.prange(h):
+    for y in range(h):
         # Cost and index in one number, so that the least number names the lowest best index.
         best_right = np.full(w + shift + search, _u32(0xFFFFFFFF), np.uint32)
         for x in range(w):
@@ -161,16 +162,38 @@ def select(
         right_best=np.full((h, w), -1, np.int16),
         margin_pct=np.zeros((h, w), np.float32),
     )
-    volume = np.empty((2, min(h, BAND_ROWS), w, search), np.uint16)
+    penalties = (_u16(p1), _u16(p2))
+    # Plain threads, not a parallel kernel: a barrier for every row stalls on a busy machine.
+    volumes = np.empty((_AHEAD + 1, 2, min(h, BAND_ROWS), w, search), np.uint16)
     state = np.full((2, 3, w + 2, search + 2), _WALL, np.uint16)
     state[:, :, :, 1:-1] = 0  # A path that starts costs nothing yet.
     floor = np.zeros((2, 3, w + 2), np.uint16)
-    for start in range(0, h, BAND_ROWS):
-        rows = slice(start, min(start + BAND_ROWS, h))
-        support, total = volume[:, : rows.stop - start]
+
+    def prepare(band: int) -> tuple[NDArray, NDArray]:
+        start = band * BAND_ROWS
+        support, total = volumes[band % (_AHEAD + 1), :, : min(BAND_ROWS, h - start)]
         cost(start, support)
-        _sweep_sideways(support, total, _u16(p1), _u16(p2))
-        _sweep_down(support, total, _u16(p1), _u16(p2), state, floor, start)
-        band = Winners(*(part[rows] for part in found))
-        _select(total, support, band, shift)
+        _sweep_sideways(support, total, *penalties)
+        return support, total
+
+    bands = range(-(-h // BAND_ROWS))
+    with ThreadPoolExecutor(_AHEAD) as pool:
+        ready = [pool.submit(prepare, band) for band in bands[:_AHEAD]]
+        for band in bands:
+            support, total = ready[band].result()
+            if band + _AHEAD in bands:
+                ready.append(pool.submit(prepare, band + _AHEAD))
+            start = band * BAND_ROWS
+            _sweep_down(support, total, *penalties, state, floor, start)
+            part = slice(start, start + len(support))
+            _select(
+                total,
+                support,
+                found.best[part],
+                found.offset[part],
+                found.bend[part],
+                found.right_best[part],
+                found.margin_pct[part],
+                shift,
+            )
     return found

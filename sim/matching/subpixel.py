@@ -79,13 +79,13 @@ def _padded(
     )
 
 
-@nb.njit(parallel=True, cache=True)
+@nb.njit(nogil=True, cache=True)
 def _mean(padded, weight, centre, down, across, step):  # pragma: no cover - compiled
     """Weighted means along one axis, and the weights gathered."""
     h, w = centre.shape
     out = np.empty((h, w), np.float32)
     gathered = np.zeros((h, w), np.float32)
-    for y in nb.prange(h):
+    for y in range(h):
         total, count = np.zeros(w, np.float32), gathered[y]
         for dy in range(down + 1):
             for dx in range(across + 1):

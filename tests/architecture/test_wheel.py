@@ -61,9 +61,8 @@ def test_installed_wheel_imports_and_answers(wheel: Path, tmp_path: Path) -> Non
     python = tmp_path / "venv" / "bin" / "python"
     installer = (sys.executable, "-m", "pip", "--python", python)
     _run(*installer, "install", "--quiet", "--no-deps", "--no-index", wheel, cwd=tmp_path)
-    site = Path(
-        _run(python, "-c", "import site; print(*site.getsitepackages())", cwd=tmp_path).strip()
-    )
+    where = "import sysconfig; print(sysconfig.get_paths()['purelib'])"
+    site = Path(_run(python, "-c", where, cwd=tmp_path).strip())
     # A path file would also run the libraries' own path files and with them the editable install
     # of the source tree; a path set by hand does not.
     libraries = sysconfig.get_paths()["purelib"]

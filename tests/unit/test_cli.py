@@ -12,6 +12,7 @@ import time
 import types
 import warnings
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -295,3 +296,12 @@ def test_termination_leaves_nothing(tmp_path: Path) -> None:
         run.send_signal(signal.SIGTERM)
         assert run.wait(10) == 143
     assert not list(tmp_path.iterdir())
+
+
+def test_runs_in_a_thread_and_leaves_signals_alone(capsys: Capsys) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with ThreadPoolExecutor() as pool:
+        assert pool.submit(starling.main, ["sensors", "show", "d435"]).result() == 0
+    assert starling.main(["sensors", "show", "d435"]) == 0
+    assert signal.getsignal(signal.SIGTERM) is before
+    assert capsys.readouterr().out.count('name = "d435"') == 2

@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import resource
 import signal
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +112,52 @@ def _write_parts(path: Path, parts: list, compression: object = OpenEXR.ZIP_COMP
     window = (np.array([0, 0], np.int32), np.array([3, 3], np.int32))  # Must be equal in parts.
     header = {"type": OpenEXR.scanlineimage, "compression": compression, "displayWindow": window}
     OpenEXR.File([OpenEXR.Part(dict(header), dict(c), name) for name, c in parts]).write(str(path))
+
+
+def _patched(data: bytes, name: bytes, offset: int, value: int) -> bytes:
+    """Overwrite a 32-bit number at an offset behind the first occurrence of a name."""
+    at = data.index(name) + len(name) + offset
+    return data[:at] + value.to_bytes(4, "little", signed=True) + data[at + 4 :]
+
+
+@pytest.mark.parametrize(
+    ("name", "offset", "value", "what"),
+    [
+        (b"dataWindow\0box2i\0", 4 + 8, 99_999, "a size of 100000x37"),
+        (b"dataWindow\0box2i\0", 4 + 8, -9, "a size of -8x37"),
+        (b"chunkCount\0int\0", 4, 7, "a wrong number of chunks"),
+        (b"ambient\0", 8, 2, "subsampled channels"),
+        (b"ambient\0", 0, 9, "cut short or damaged"),
+    ],
+)
+def test_damaged_headers_are_refused(
+    tmp_path: Path, name: bytes, offset: int, value: int, what: str
+) -> None:
+    (tmp_path / "f.exr").write_bytes(_patched(_whole(tmp_path), name, offset, value))
+    with pytest.raises(InputError, match=what):
+        exr.read(tmp_path / "f.exr")
+
+
+def test_damaged_chunks_are_refused(tmp_path: Path) -> None:
+    """The first chunk follows the headers and the tables of offsets; the last one is packed."""
+    data = _whole(tmp_path)
+    path = tmp_path / "f.exr"
+    parts, tables = exr_structure._headers(data)
+    first = tables + 8 * sum(part.chunks for part in parts)
+    (last,) = struct.unpack_from("<Q", data, first - 8)
+    (packed,) = struct.unpack_from("<i", data, last + 8)
+    short = zlib.compress(b"")
+    for at, change, what in (
+        (first, struct.pack("<i", 3), "a chunk that is out of place"),
+        (first + 8, struct.pack("<i", 10_000), "a chunk that is too long"),
+        (first + 8, struct.pack("<i", 10**8), "cut short"),
+        (last + 12, b"no zlib", "damaged pixel data"),
+        (last + 12, short, "too little pixel data"),
+    ):
+        path.write_bytes(data[:at] + change + data[at + len(change) :])
+        with pytest.raises(InputError, match=what):
+            exr.read(path)
+    assert packed > len(short)
 
 
 def test_missing_channel_and_unequal_parts_are_refused(tmp_path: Path) -> None:

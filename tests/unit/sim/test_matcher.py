@@ -24,14 +24,15 @@ from sim.matcher import (
 
 
 def test_names_give_the_settings():
-    assert names() == ("d4xx", "fast")
+    assert {"d4xx", "fast"} <= set(names())
     assert named("fast") is FAST
     assert named("d4xx") is D4XX
 
 
 def test_unknown_name_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match=r"matcher must be a known name; got 'd4x'\..*d4xx, fast"):
+    with pytest.raises(InputError, match=r"matcher must be a known name; got 'd4x'\.") as refusal:
         named("d4x")
+    assert all(name in str(refusal.value) for name in names())
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,13 @@ def test_right_imager_is_as_the_left_unless_said() -> None:
     assert sensors.from_table({**table, "right": {}}).right == Imager()
 
 
+def test_a_setting_may_be_edited_in_the_file() -> None:
+    stock = sensors.from_table({**GEOMETRY, "matcher": {"setting": "fast"}}).matcher
+    table = {"setting": "fast", "search_px": 64}
+    edited = sensors.from_table({**GEOMETRY, "matcher": table}).matcher
+    assert edited == dataclasses.replace(stock, search_px=64)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [

@@ -34,6 +34,7 @@ def test_rows_become_columns() -> None:
 
 def test_other_values_are_written() -> None:
     assert text.render([{"name": "a", "x": [1, 2]}]) == "[0]\nname  a\nx     1, 2"
+    assert text.render({"a": {"x": 1}, "b": {"x": 2}}) == "   x\na  1\nb  2"
     assert text.render({"a": {}}) == "a  -"
     assert text.render(3) == "3"
 

@@ -1,0 +1,46 @@
+# Every command sets up what it needs first (tools/setup.sh); a second call is quick.
+.DEFAULT_GOAL := help
+.PHONY: help demo pictures test test-slow lint format types bench docs clean setup-run setup-test setup-docs
+
+bin := .venv/bin
+pytest := $(bin)/python -m pytest
+
+help:  ## List the commands.
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1|\2/p' Makefile | awk -F'|' '{printf "%-15s %s\n", $$1, $$2}'
+
+demo: setup-run  ## Simulate the demo scene with a D435; leaves out/demo and out/demo.png.
+	$(bin)/starling simulate clutter --sensor d435 --out out/demo --force
+	$(bin)/starling show out/demo --out out/demo.png --force
+
+pictures: demo  ## Make the pictures of the documentation anew.
+	cp out/demo.png docs/pictures/demo.png
+
+test: setup-test  ## Run every test that takes seconds; set up with torch.
+	$(pytest) -m "not slow"
+
+test-slow: setup-test  ## Run the tests that take minutes.
+	$(pytest) -m slow
+
+lint: setup-test  ## Check style and format (ruff).
+	$(bin)/ruff check .
+	$(bin)/ruff format --check .
+
+format: setup-test  ## Mend style and format where ruff can.
+	$(bin)/ruff check --fix .
+	$(bin)/ruff format .
+
+types: setup-test  ## Check types (pyright).
+	$(bin)/pyright
+
+bench: setup-run  ## Time the whole pipeline against the bare floor.
+	$(bin)/starling bench
+
+docs: setup-docs  ## Build the documentation into out/site.
+	NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --strict
+
+clean:  ## Remove what was made, but for .venv.
+	rm -rf out build dist test_artifacts *.egg-info .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +
+
+setup-run setup-test setup-docs:
+	@sh tools/setup.sh $(@:setup-%=%)

@@ -1,0 +1,1 @@
+"""Fit a sensor (geometry, projector, pattern, photometry) to captures, with uncertainty."""

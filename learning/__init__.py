@@ -1,0 +1,1 @@
+"""What physics misses: the no-depth-pixel residual network, its baselines and evaluation."""

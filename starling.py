@@ -1,0 +1,310 @@
+"""The front door: `starling VERB`. Parses arguments and calls; the work is in the packages.
+
+Exit codes: 0 done, 1 refused (one line on standard error), 2 bad flags.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+from tyro.conf import (
+    FlagCreatePairsOff,
+    OmitArgPrefixes,
+    Positional,
+    PositionalMetavarFromFieldName,
+    UseAppendAction,
+    arg,
+)
+
+from patterns.errors import InputError, refuse
+
+_app = tyro.extras.SubcommandApp()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Common:
+    """Flags of every verb."""
+
+    json: bool = False
+    """Print the result alone, as JSON."""
+    debug: bool = False
+    """Show the traceback of a refusal."""
+
+
+_Common = OmitArgPrefixes[Common]
+_Edits = Annotated[
+    UseAppendAction[tuple[str, ...]],
+    arg(
+        name="set",
+        metavar="PATH=VALUE",
+        help="Change one field of the sensor, e.g. projector.power_w=0.2; `imager.` means both "
+        "imagers. May be repeated.",
+    ),
+]
+
+
+@_app.command
+def doctor(*, common: _Common = Common()) -> None:
+    """Say what this machine can do: Mitsuba variant, LLVM, GPU, versions.
+
+    Example: starling doctor
+    """
+    from sim import backend
+
+    _say(backend.report(), common)
+
+
+@_app.command
+def sensors(
+    action: Positional[Literal["list", "show"]] = "list",
+    name: Positional[str] = "",
+    *,
+    common: _Common = Common(),
+) -> None:
+    """List the sensor presets, or show one with the source of every number.
+
+    Example: starling sensors show d435
+
+    Args:
+        action: `list` all presets or `show` one.
+        name: the preset to show.
+        common: flags of every verb.
+    """
+    from sim import sensors as presets
+    from sim import structure
+
+    if action == "list":
+        _say(presets.summary(), common)
+        return
+    if not name:
+        raise refuse("name", "must be given", "nothing", f"Known: {', '.join(presets.names())}.")
+    sensor = presets.load(name)
+    _say(structure.to_table(sensor), common, lambda _: presets.text(name))
+
+
+@_app.command
+def simulate(
+    scene: Positional[str],
+    *,
+    sensor: str,
+    out: Path,
+    frames: int = 1,
+    seed: int = 0,
+    samples: int = 0,
+    edits: _Edits = (),
+    force: bool = False,
+    common: _Common = Common(),
+) -> None:
+    """Simulate what a depth camera sees of a scene; writes a capture set.
+
+    Example: starling simulate clutter --sensor d435 --out out/clutter --set projector.power_w=0.2
+
+    Args:
+        scene: builtin scene (wall, staircase, tabletop, clutter), mesh (PLY, OBJ, GLB), Mitsuba
+            XML, capture set or one scene in it.
+        sensor: preset (see `starling sensors`) or sensor file (.toml).
+        out: folder to make.
+        frames: readings of each scene, each with noise of its own.
+        seed: equal seeds give equal bits on one machine.
+        samples: paths a pixel of indirect light; 0 leaves indirect light out.
+        edits: changes to the sensor.
+        force: replace a folder that starling wrote before.
+        common: flags of every verb.
+    """
+    from sim import progress, sensor_edits, simulate_captures
+
+    with progress.on_stderr() as tell:
+        result = simulate_captures.simulate_captures(
+            scene,
+            sensor_edits.asked_for(sensor, scene, edits),
+            out,
+            frames=frames,
+            seed=seed,
+            samples=samples,
+            force=force,
+            tell=tell,
+        )
+    _say(result, common)
+
+
+@_app.command
+def match(
+    captures: Positional[str],
+    *,
+    sensor: str,
+    setting: str | None = None,
+    edits: _Edits = (),
+    out: Path | None = None,
+    force: bool = False,
+    common: _Common = Common(),
+) -> None:
+    """Match a capture's own infrared pair; compare with the device's depth and the truth.
+
+    Example: starling match captures/d415-faro --sensor d415 --setting fast
+
+    Args:
+        captures: capture set or one scene in it.
+        sensor: preset (see `starling sensors`) or sensor file (.toml) whose matcher is used.
+        setting: stock setting of the matcher, instead of the sensor's: `fast` or `d4xx`.
+        edits: changes to the sensor.
+        out: folder to write depth to.
+        force: replace a folder that starling wrote before.
+        common: flags of every verb.
+    """
+    from sim import match_captures, progress, sensor_edits
+
+    chosen = (f"matcher.setting={setting}",) if setting else ()
+    with progress.on_stderr() as tell:
+        result = match_captures.match_captures(
+            captures,
+            sensor_edits.asked_for(sensor, captures, (*chosen, *edits)),
+            out=out,
+            force=force,
+            tell=tell,
+        )
+    _say(result, common)
+
+
+@_app.command
+def compare(real: Positional[str], sim: Positional[str], *, common: _Common = Common()) -> None:
+    """Compare simulated captures with real ones: how far is the simulation off?
+
+    Example: starling compare captures/d415-faro out/d415-faro --json
+
+    Args:
+        real: capture set or one scene in it.
+        sim: the same scenes, simulated.
+        common: flags of every verb.
+    """
+    from sim import capture, progress
+    from sim import compare as comparison
+
+    with progress.on_stderr() as tell:
+        result = comparison.compare(capture.open_set(real), capture.open_set(sim), tell=tell)
+    _say(result, common)
+
+
+@_app.command
+def show(
+    captures: Positional[str],
+    against: Positional[str] = "",
+    *,
+    out: Path,
+    frame: int = 0,
+    force: bool = False,
+    common: _Common = Common(),
+) -> None:
+    """Draw captures: infrared, depth, why depth is missing, error against truth.
+
+    Example: starling show captures/d415-faro/3617 out/d415-faro/3617 --out real_and_sim.png
+
+    Args:
+        captures: capture set or one scene in it.
+        against: a second one, drawn beside the first.
+        out: NAME.png for one scene, a folder for several.
+        frame: number of the frame.
+        force: replace what was drawn before.
+        common: flags of every verb.
+    """
+    from sim import progress, show_captures
+
+    with progress.on_stderr() as tell:
+        result = show_captures.show_captures(
+            captures, out, against=against or None, frame=frame, force=force, tell=tell
+        )
+    _say(result, common)
+
+
+@_app.command
+def bench(*, common: _Common = Common()) -> None:
+    """Time the whole pipeline against the bare floor: two renders and one matcher call.
+
+    Example: starling bench --json
+    """
+    from sim import bench as benchmark
+
+    _say(benchmark.bench(), common)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return the exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        with _termination_as_exit(), warnings.catch_warnings():
+            warnings.showwarning = _warn
+            _app.cli(
+                args=arguments,
+                prog="starling",
+                description=_DESCRIPTION,
+                config=(FlagCreatePairsOff, PositionalMetavarFromFieldName),
+            )
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+    except KeyboardInterrupt:
+        print("interrupted; nothing half-written is left", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # The reader of our output has gone (`starling sensors | head -1`).
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - until the process ends
+        return 0
+    except Exception as error:
+        if "--debug" in arguments:
+            raise
+        print(_line(error), file=sys.stderr)
+        return 1
+    return 0
+
+
+_DESCRIPTION = """Starling simulates active-stereo depth cameras from the light up.
+
+Example: starling simulate tabletop --sensor d435 --out out/tabletop"""
+
+
+@contextmanager
+def _termination_as_exit() -> Iterator[None]:
+    """Let a process that is told to end clean up, so that nothing half-written stays."""
+    if threading.current_thread() is not threading.main_thread():  # Only that one gets signals.
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _say(value: Any, common: Common, as_text: Callable[[Any], str] | None = None) -> None:
+    from sim import record, text
+
+    said = record.dumps(value) if common.json else (as_text or text.render)(value)
+    print(said.rstrip("\n"))
+
+
+def _line(error: Exception) -> str:
+    """One line for standard error."""
+    from sim.backend import BackendError
+
+    message = " ".join(str(error).split())
+    if isinstance(error, (InputError, BackendError)):
+        return f"starling: {message}"
+    return (
+        f"starling: an error of starling itself, {type(error).__name__}: {message}. "
+        "Run again with --debug and report what it prints."
+    )
+
+
+def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"starling: warning: {message}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
