@@ -62,6 +62,8 @@ def jump(disparity_px: NDArray[np.float32], *, range_px: float) -> NDArray[np.bo
     The device leaves 2 to 3 px free along every depth edge, whatever the jump.
     """
     known = np.isfinite(disparity_px)
+    if not known.any() or np.nanmax(disparity_px) - np.nanmin(disparity_px) <= range_px:
+        return np.zeros(known.shape, bool)
     kernel = np.ones((3, 3), np.uint8)
     high = cv2.dilate(np.where(known, disparity_px, np.float32(-1e6)), kernel)
     low = cv2.erode(np.where(known, disparity_px, np.float32(1e6)), kernel)
