@@ -10,14 +10,13 @@ import dataclasses
 
 import numpy as np
 
-from sim import sensors
+from sim import render, sensors
 from sim.depth import disparity_from_depth
 from sim.layers import Layers
 from sim.scenes import builtin
 from sim.sensor import Sensor
 from sim.simulate import expose
 from sim.stage import Stage
-from sim import render
 
 DISTANCES_M = (0.5, 0.7, 1.0, 1.4, 2.0)
 # Each distance stands for five around it: a matcher errs by the fraction of the disparity, and one

@@ -93,6 +93,14 @@ def mitsuba() -> Any:
     return mi
 
 
+def drjit() -> Any:
+    """Dr.Jit, imported only after its LLVM library has been named."""
+    mitsuba()
+    import drjit as dr
+
+    return dr
+
+
 def is_jit() -> bool:
     """Tell whether the chosen variant compiles kernels (and can differentiate)."""
     return "_ad_" in str(mitsuba().variant())
@@ -100,9 +108,7 @@ def is_jit() -> bool:
 
 def report() -> dict[str, Any]:
     """Say what this machine can do: variant, LLVM, GPU and the versions that matter."""
-    mi = mitsuba()
-    import drjit as dr
-
+    mi, dr = mitsuba(), drjit()
     names = ("mitsuba", "drjit", "numpy", "opencv-contrib-python-headless", "OpenEXR", "numba")
     return {
         "variant": str(mi.variant()),

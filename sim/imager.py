@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from sim.layers import Image
 from sim.sensor import Imager
 
+Infrared = NDArray[np.uint8] | NDArray[np.uint16]
+
 _PLANCK_J_S = 6.62607015e-34
 _LIGHT_M_S = 299792458.0
 
@@ -64,9 +66,7 @@ def noise_e(imager: Imager, electrons: Image) -> Image:
     return np.sqrt(shot * shot * np.maximum(electrons, 0) + read * read)
 
 
-def read_out(
-    imager: Imager, electrons: Image, rng: np.random.Generator
-) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def read_out(imager: Imager, electrons: Image, rng: np.random.Generator) -> Infrared:
     """Electrons to DN: noise, gain, black level, converter.
 
     Shot and read noise are one normal draw of their summed variance: right to the third moment
@@ -85,5 +85,10 @@ def read_out(
         draw = rng.standard_normal(electrons.shape, np.float32)
         signal = electrons + draw * noise_e(imager, electrons)
     level = signal * np.float32(imager.dn_per_electron) + np.float32(imager.black_level_dn)
-    kind = np.uint8 if imager.bit_depth == 8 else np.uint16
-    return np.clip(np.rint(level), 0, imager.ceiling_dn).astype(kind)
+    return digital(imager, level)
+
+
+def digital(imager: Imager, level: Image) -> Infrared:
+    """Convert a level [DN] to whole codes: uint8 for 8 bits, else uint16 (h, w)."""
+    codes = np.clip(np.rint(level), 0, imager.ceiling_dn)
+    return codes.astype(np.uint8) if imager.bit_depth == 8 else codes.astype(np.uint16)

@@ -40,8 +40,9 @@ def add(layers: Layers, stage: Stage, sensor: Sensor, *, samples: int, seed: int
         seed: of the sampler.
     """
     pattern = projector.irradiance_at_unit_distance(sensor.projector)
+    spread = cv2.GaussianBlur(pattern, (0, 0), _DOT_MEAN_PX)
     # A surface lit by its neighbours cannot tell dots from their mean, but samples can.
-    lit = plugin_scene.lit(stage, sensor, cv2.GaussianBlur(pattern, (0, 0), _DOT_MEAN_PX))
+    lit = plugin_scene.lit(stage, sensor, np.asarray(spread, np.float32))
     left = stage.scene.world_from_left
     right = left @ frames.pose((sensor.baseline_m, 0.0, 0.0))
     views = []
@@ -83,7 +84,8 @@ def _surfaces(stage: Stage, sensor: Sensor, pose: Pose, shrink: int) -> tuple[Im
 
 def _low_passed(image: Image, guide: Image) -> Image:
     """Joint bilateral filter: average over neighbours on the same surface."""
-    return cv2.ximgproc.jointBilateralFilter(guide, image.astype(np.float32), -1, 1.0, _SIGMA_PX)
+    smooth = cv2.ximgproc.jointBilateralFilter(guide, image.astype(np.float32), -1, 1.0, _SIGMA_PX)
+    return np.asarray(smooth, np.float32)
 
 
 def _raised(coarse: Image, coarse_guide: Image, guide: Image) -> Image:

@@ -1,4 +1,4 @@
-"""A few near-infrared materials; reflectances at 850 nm are rounded and, where unmarked, assumed."""
+"""A few near-infrared materials; reflectances at 850 nm are rounded and assumed."""
 
 from __future__ import annotations
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sim import frames, optics, projector
+from sim.imager import Infrared, digital
 from sim.sensor import Sensor
 
 _OVERSAMPLING = 3
 
 
-def image(sensor: Sensor) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def image(sensor: Sensor) -> Infrared:
     """Image that an imager at the projector's place would have of any scene, without noise.
 
     Seen from where it is thrown, a pattern looks the same on every surface; so one stored image
@@ -37,5 +37,4 @@ def image(sensor: Sensor) -> NDArray[np.uint8] | NDArray[np.uint16]:
     light = optics.blur(np.asarray(light, np.float32), imager.blur_px)
     aim = max(imager.auto_exposure_level, 0.1) * imager.ceiling_dn
     level = light * np.float32(aim / max(float(light.mean()), 1e-30)) + imager.black_level_dn
-    kind = np.uint8 if imager.bit_depth == 8 else np.uint16
-    return np.clip(np.rint(level), 0, imager.ceiling_dn).astype(kind)
+    return digital(imager, level)

@@ -56,15 +56,12 @@ class Placed:
 
     @staticmethod
     def of(world_from_part: Pose) -> Placed:
-        return Placed(
-            *(_opaque("Vector3f", world_from_part[:3, i]) for i in range(3)),
-            _opaque("Point3f", world_from_part[:3, 3]),
-        )
+        x, y, z = (_opaque("Vector3f", world_from_part[:3, i]) for i in range(3))
+        return Placed(x, y, z, _opaque("Point3f", world_from_part[:3, 3]))
 
     def local(self, point: Any) -> Any:
         """World point to the part's frame."""
-        import drjit as dr
-
+        dr = backend.drjit()
         offset = point - self.origin
         return type(offset)(dr.dot(self.x, offset), dr.dot(self.y, offset), dr.dot(self.z, offset))
 
@@ -80,9 +77,7 @@ class Camera:
 
     def ray(self, pixel: Any) -> Any:
         """Ray through image coordinates (pixel centres are integers)."""
-        import drjit as dr
-
-        mi = backend.mitsuba()
+        mi, dr = backend.mitsuba(), backend.drjit()
         slope = (pixel - self.centre) / self.focal
         direction = self.place.x * slope.x + self.place.y * slope.y + self.place.z
         return mi.Ray3f(self.place.origin, dr.normalize(direction))
@@ -122,8 +117,7 @@ class Light:
 
 
 def _opaque(kind: str, values: Any) -> Any:
-    import drjit as dr
-
+    dr = backend.drjit()
     value = getattr(backend.mitsuba(), kind)(*(float(v) for v in values))
     dr.make_opaque(value)
     return value
@@ -149,9 +143,7 @@ def cameras(sensor: Sensor, world_from_left: Pose) -> tuple[Camera, Camera]:
 
 def clear(scene: Any, origin: Any, point: Any, active: Any, tolerance: float) -> Any:
     """Whether the way from origin to point is free, up to a share `tolerance` of its length."""
-    import drjit as dr
-
-    mi = backend.mitsuba()
+    mi, dr = backend.mitsuba(), backend.drjit()
     way = point - origin
     distance = dr.norm(way)
     ray = mi.Ray3f(origin, way / distance)
@@ -161,9 +153,7 @@ def clear(scene: Any, origin: Any, point: Any, active: Any, tolerance: float) ->
 
 def pixels(size: tuple[int, int]) -> Any:
     """Image coordinates of all pixel centres, row by row (Vector2f)."""
-    import drjit as dr
-
-    mi = backend.mitsuba()
+    mi, dr = backend.mitsuba(), backend.drjit()
     width, height = size
     index = dr.arange(mi.UInt32, width * height)
     row = index // width
@@ -177,9 +167,7 @@ def projected(stage: Stage, light: Light, si: Any) -> Any:
     irradiance at unit distance; a surface turned by theta from the ray, which leaves at angle
     alpha from the axis, receives cos theta / cos alpha times that.
     """
-    import drjit as dr
-
-    mi = backend.mitsuba()
+    mi, dr = backend.mitsuba(), backend.drjit()
     local = light.place.local(si.p)
     toward = -dr.normalize(si.p - light.place.origin)
     active = light.reaches(stage.mitsuba, si.p, si.is_valid(), stage.scene.shadow_tolerance)
@@ -193,9 +181,7 @@ def projected(stage: Stage, light: Light, si: Any) -> Any:
 
 def _ambient(stage: Stage, si: Any) -> Any:
     """Radiance that surface points return of the ambient light [W m^-2 sr^-1]."""
-    import drjit as dr
-
-    mi = backend.mitsuba()
+    mi, dr = backend.mitsuba(), backend.drjit()
     ambient = stage.scene.ambient
     # A metal's diffuse equivalent exceeds 1 in Mitsuba: no surface returns more than it gets.
     albedo = dr.minimum(si.bsdf().eval_diffuse_reflectance(si, si.is_valid())[0], 1)
@@ -206,17 +192,14 @@ def _ambient(stage: Stage, si: Any) -> Any:
 
 
 def _towards_viewer(si: Any) -> Any:
-    import drjit as dr
-
+    dr = backend.drjit()
     normal = si.sh_frame.n
     return dr.select(dr.dot(normal, si.to_world(si.wi)) < 0, -normal, normal)
 
 
 def _view(stage: Stage, camera: Camera, light: Light, subpixels: int) -> View:
     """Average n x n fixed positions a pixel; one kernel, launched n^2 times."""
-    import drjit as dr
-
-    mi = backend.mitsuba()
+    mi, dr = backend.mitsuba(), backend.drjit()
     count = camera.size[0] * camera.size[1]
     direct, ambient = dr.zeros(mi.Float, count), dr.zeros(mi.Float, count)
     for row, column in np.ndindex(subpixels, subpixels):
@@ -234,9 +217,7 @@ def _view(stage: Stage, camera: Camera, light: Light, subpixels: int) -> View:
 
 
 def _truth(stage: Stage, left: Camera, right: Camera, light: Light) -> Truth:
-    import drjit as dr
-
-    mi = backend.mitsuba()
+    mi, dr = backend.mitsuba(), backend.drjit()
     si = stage.mitsuba.ray_intersect(left.ray(pixels(left.size)))
     hit, tolerance = si.is_valid(), stage.scene.shadow_tolerance
     normal = _towards_viewer(si)

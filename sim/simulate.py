@@ -6,18 +6,16 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from patterns import errors
 from sim import imager, optics, randomness, reference, render
 from sim.depth import DepthMap, disparity_from_depth, measure
+from sim.imager import Infrared
 from sim.layers import Image, Layers, Mask, Truth
 from sim.reason import Reason
 from sim.scene import Scene
 from sim.sensor import Imager, Sensor
 from sim.stage import Stage
-
-Infrared = NDArray[np.uint8] | NDArray[np.uint16]
 
 _WINDOW_PX = 9  # The window in which a matcher needs light.
 _DARK_SNR = 2.0  # Below this mean signal over noise a window is dark.
@@ -119,7 +117,7 @@ def _geometric_causes(truth: Truth, sensor: Sensor) -> dict[Reason, Mask]:
 def _photometric_causes(part: Imager, electrons: Image, infrared: Infrared) -> dict[Reason, Mask]:
     """Causes that follow from how much light there is."""
     window = (_WINDOW_PX, _WINDOW_PX)
-    mean = cv2.blur(electrons, window)
+    mean = np.asarray(cv2.blur(electrons, window), np.float32)
     step_e = 1 / part.dn_per_electron
     noise = np.sqrt(imager.noise_e(part, mean) ** 2 + np.float32(step_e * step_e / 12))
     burnt = (infrared >= part.ceiling_dn).astype(np.float32)

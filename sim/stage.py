@@ -36,8 +36,7 @@ def _numbers(shapes: list[Any]) -> NDArray[np.uint32]:
     mi = backend.mitsuba()
     if not backend.is_jit():
         return np.arange(1, len(shapes) + 1, dtype=np.uint32)
-    import drjit as dr
-
+    dr = backend.drjit()
     handles = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in shapes]
     table = np.zeros(max(handles) + 1, np.uint32)
     table[handles] = np.arange(1, len(shapes) + 1)

@@ -198,7 +198,7 @@ def _plant(
         rod = solids.cylinder(0.0025, length)
         rod.apply_transform(lean @ frames.pose((0, -length / 2, 0)) @ upright)
         rods.append(rod)
-    stems = solids.trimesh.util.concatenate(rods)
+    stems = solids.joined(rods)
     return [
         solids.body(f"pot {number}", pot, materials.RUBBER, at(pot_height / 2) @ upright),
         solids.body(f"stems {number}", stems, materials.PAPER, at(pot_height)),

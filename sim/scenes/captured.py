@@ -58,7 +58,7 @@ def load(path: Path) -> Scene:
     )
     focal_baseline = info.fx_px * info.baseline_m
     hidden, source = depth_mesh.behind(surface)
-    soft = cv2.blur(albedo, (9, 9))
+    soft = np.asarray(cv2.blur(albedo, (9, 9)), np.float32)
     bodies = [
         Body(
             name="surface",

@@ -63,8 +63,9 @@ def behind(disparity_px: Array) -> tuple[Array, NDArray[np.intp]]:
     )
     distance = cv2.distanceTransform((~far_edge).astype(np.uint8), cv2.DIST_L2, 5)
     seeds = np.zeros(int(labels.max()) + 1, np.intp)
-    seeds[labels[far_edge]] = np.flatnonzero(far_edge)
-    source = seeds[labels]
+    nearest = np.asarray(labels, np.intp)
+    seeds[nearest[far_edge]] = np.flatnonzero(far_edge)
+    source = seeds[nearest]
     continued = disparity_px.ravel()[source]
     with np.errstate(invalid="ignore"):
         hidden = (disparity_px - continued > _JUMP_PX) & (distance <= _BEHIND_PX)
@@ -150,4 +151,4 @@ def _slope(disparity_px: Array, values: Array, axis: int) -> Array:
             ahead = (np.roll(values, -shift, axis) - values) * shift
             total += np.where(same[..., None], ahead, 0)
             count += same[..., None]
-    return total / np.maximum(count, 1)
+    return (total / np.maximum(count, 1)).astype(np.float32)

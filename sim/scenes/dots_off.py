@@ -27,7 +27,8 @@ def removed(level: Array) -> Array:
     for _ in range(_ROUNDS):
         amplitude = np.where(_round_peaks(rest), cv2.filter2D(rest, -1, fit), 0)
         rest = rest - cv2.filter2D(np.maximum(amplitude, 0).astype(np.float32), -1, spot)
-    return cv2.medianBlur(rest, 3)  # Pits where a spot was a little off its pixel.
+    # Pits are left where a spot was a little off its pixel.
+    return np.asarray(cv2.medianBlur(rest, 3), np.float32)
 
 
 def _spot_and_fit() -> tuple[Array, Array]:

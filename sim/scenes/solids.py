@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import typing
+
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
@@ -66,3 +68,8 @@ def cup(radius_m: float, height_m: float, wall_m: float) -> trimesh.Trimesh:
 def ring(radius_m: float, tube_m: float) -> trimesh.Trimesh:
     """Torus about z."""
     return trimesh.creation.torus(major_radius=radius_m, minor_radius=tube_m)
+
+
+def joined(solids: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    """Several solids as one."""
+    return typing.cast(trimesh.Trimesh, trimesh.util.concatenate(solids))

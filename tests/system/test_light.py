@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sim import frames, materials, projector, render, sensors, stage
-from sim.scene import Ambient, Body, Material, Scene
+from sim.scene import Ambient, Material, Scene
 from sim.scenes import solids
 
 POWER_W = 0.2

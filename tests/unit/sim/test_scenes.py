@@ -73,8 +73,8 @@ def test_a_mesh_is_seen_whole_and_centred(tmp_path, suffix):
     scene = scenes.load(str(path), SENSOR)
     truth = render.layers(stage.Stage(scene), SENSOR).truth
     rows, columns = np.nonzero(truth.material)
-    assert 0 < rows.min() and rows.max() < SENSOR.height - 1
-    assert 0 < columns.min() and columns.max() < SENSOR.width - 1
+    assert rows.min() > 0 and rows.max() < SENSOR.height - 1
+    assert columns.min() > 0 and columns.max() < SENSOR.width - 1
     assert columns.mean() == pytest.approx(SENSOR.cx_px, abs=2)
     assert np.isfinite(truth.depth_m[rows, columns]).all()
 
