@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy import ndimage, optimize
 
 from patterns.errors import refuse
 
@@ -130,3 +130,28 @@ def disparity_figures(
         fill=np.count_nonzero(np.isfinite(disparity_px) & scored) / np.count_nonzero(scored),
         ndp_iou=overlap,
     )
+
+
+def shift_px(
+    left: NDArray[np.floating], right: NDArray[np.floating], *, near_px: float, margin_px: int
+) -> float:
+    """Disparity of a fronto-parallel pair without a matcher: least squares over a cubic spline.
+
+    Args:
+        left: (h, w) noise-free image of the left imager.
+        right: (h, w) of the right one.
+        near_px: disparity that the search starts from, at most 0.5 px off.
+        margin_px: border that does not count.
+
+    Returns:
+        The one shift [px] that makes the right image most like the left.
+    """
+    inside = (slice(margin_px, -margin_px), slice(margin_px, -margin_px))
+    one, other = np.asarray(left, np.float64), np.asarray(right, np.float64)
+
+    def mismatch(disparity_px: float) -> float:
+        shifted = ndimage.shift(other, (0, disparity_px), order=3, mode="nearest")
+        return float(((one - shifted)[inside] ** 2).sum())
+
+    found = optimize.minimize_scalar(mismatch, (near_px - 0.5, near_px + 0.5), tol=1e-5)
+    return float(found.x)
