@@ -1,6 +1,6 @@
 # Every command sets up what it needs first (tools/setup.sh); a second call is quick.
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures test test-slow lint format types bench docs clean setup-run setup-test setup-docs
+.PHONY: help demo pictures test test-fast lint format types bench docs clean setup-run setup-test setup-docs
 
 bin := .venv/bin
 pytest := $(bin)/python -m pytest
@@ -15,11 +15,11 @@ demo: setup-run  ## Simulate the demo scene with a D435; leaves out/demo and out
 pictures: demo  ## Make the pictures of the documentation anew.
 	cp out/demo.png docs/pictures/demo.png
 
-test: setup-test  ## Run every test that takes seconds; set up with torch.
-	$(pytest) -m "not slow"
+test: setup-test  ## Run every test; set up with torch.
+	$(pytest)
 
-test-slow: setup-test  ## Run the tests that take minutes.
-	$(pytest) -m slow
+test-fast: setup-test  ## Run the tests that take seconds.
+	$(pytest) -m "not slow"
 
 lint: setup-test  ## Check style and format (ruff).
 	$(bin)/ruff check .

@@ -93,7 +93,8 @@ def _tasks(scene: str) -> tuple[list[_Task], str, str]:
         tasks = [_Task(text=str(s.path), name=s.name, room=s.room) for s in real.scenes]
         notes = "simulated; geometry and reflectance come from the captures named in source"
         return tasks, f"derived from captures under: {real.info.licence}", notes
-    name = Path(scene).stem
+    path = Path(scene)
+    name = path.stem if path.exists() else scene.replace(":", "-")  # A file, or a builtin name.
     return [_Task(text=scene, name=name, room=name)], "as the scene's", "simulated"
 
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from patterns import errors
 from sim import backend
 from sim.scene import Body, Material, Scene
 
@@ -16,14 +15,12 @@ class Stage:
     """Mitsuba's shapes of one `Scene`; built once, rendered from any number of poses."""
 
     def __init__(self, scene: Scene) -> None:
-        """Load the shapes.
-
-        Raises:
-            InputError: if the scene's XML cannot be loaded or has no shapes.
-        """
+        """Load the shapes; a scene's XML is known to load by then (`sim.scenes.xml_file`)."""
         self.scene = scene
         mi = backend.mitsuba()
-        shapes = _xml_shapes(scene) if scene.xml else [_shape(body) for body in scene.bodies]
+        shapes = [_shape(body) for body in scene.bodies]
+        if scene.xml:
+            shapes = list(mi.load_file(str(scene.xml)).shapes())
         self.shapes = shapes
         self.mitsuba: Any = mi.load_dict(
             {"type": "scene", **{f"body_{i:04d}": shape for i, shape in enumerate(shapes)}}
@@ -41,17 +38,6 @@ def _numbers(shapes: list[Any]) -> NDArray[np.uint32]:
     table = np.zeros(max(handles) + 1, np.uint32)
     table[handles] = np.arange(1, len(shapes) + 1)
     return table
-
-
-def _xml_shapes(scene: Scene) -> list[Any]:
-    mi = backend.mitsuba()
-    try:
-        shapes = list(mi.load_file(str(scene.xml)).shapes())
-    except (RuntimeError, OSError) as error:
-        raise errors.refuse("scene", "must be a Mitsuba XML", scene.xml, f"{error}") from None
-    if not shapes:
-        raise errors.refuse("scene", "must hold shapes", scene.xml, "Add a shape to the XML.")
-    return shapes
 
 
 def _shape(body: Body) -> Any:

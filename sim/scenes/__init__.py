@@ -33,12 +33,9 @@ def load(word: str, sensor: Sensor) -> Scene:
         return xml_file.load(path)
     if path.is_dir():
         return captured.load(path)
-    if path.exists() or "/" in word:
-        raise errors.refuse(
-            "scene",
-            "must be a builtin name, a mesh, a Mitsuba XML or a capture",
-            repr(word),
-            f"Builtin: {', '.join(builtin.BUILTIN)}; meshes: {', '.join(mesh_file.SUFFIXES)}.",
-        )
-    errors.one_of("scene", name, builtin.BUILTIN)
-    raise AssertionError("one_of refuses every name that is not builtin")
+    known = f"Builtin: {', '.join(builtin.BUILTIN)}; meshes: {', '.join(mesh_file.SUFFIXES)}."
+    if not path.exists() and "/" not in word:
+        errors.one_of("scene", name, builtin.BUILTIN)
+    raise errors.refuse(
+        "scene", "must be a builtin name, a mesh, a Mitsuba XML or a capture", repr(word), known
+    )

@@ -1,0 +1,58 @@
+"""A real room simulated: what our model of it must at least share with the real reading."""
+
+import numpy as np
+import pytest
+
+from sim import metrics, scenes, sensor_edits, simulate
+from sim.capture import open_set
+from sim.depth import disparity_from_depth
+from sim.scenes import captured
+
+
+@pytest.fixture(scope="module")
+def reading(captures):
+    """The real frame and the simulated shot of scene 3617 of the D415 set."""
+    path = captures / "d415-faro" / "3617"
+    sensor = sensor_edits.asked_for("d415", str(path), ())
+    shot = simulate.simulate(scenes.load(str(path), sensor), sensor)
+    return open_set(path).scenes[0], sensor, shot
+
+
+@pytest.mark.slow
+def test_the_room_is_seen_where_it_is(reading):
+    """The simulated truth is the reference depth, but for its own smoothing."""
+    scene, sensor, shot = reading
+    given = {"focal_px": sensor.fx_px, "baseline_m": sensor.baseline_m}
+    truth = disparity_from_depth(scene.truth_m(), **given)
+    seen = disparity_from_depth(shot.layers.truth.depth_m, **given)
+    error = (seen - truth)[metrics.scored_pixels(truth)]
+    assert np.nanmedian(np.abs(error)) < 0.05
+    assert np.isfinite(shot.layers.truth.depth_m).mean() > 0.995
+
+
+@pytest.mark.slow
+def test_the_simulated_infrared_looks_like_the_real_one(reading):
+    """Low-passed over the dots, the two images agree pixel by pixel."""
+    import cv2
+
+    scene, _, shot = reading
+    real = cv2.GaussianBlur(scene.frame(0).ir_left.astype(np.float32), (0, 0), 6)
+    sim = cv2.GaussianBlur(shot.ir_left.astype(np.float32), (0, 0), 6)
+    assert np.corrcoef(real.ravel(), sim.ravel())[0, 1] > 0.9
+
+
+@pytest.mark.slow
+def test_holes_are_where_the_device_has_them(reading):
+    """Far better than chance: random holes of both rates would overlap by under a hundredth."""
+    scene, _, shot = reading
+    reached = metrics.reached_pixels(scene.truth_m())
+    assert metrics.hole_overlap(scene.frame(0).depth_m, shot.depth.depth_m, reached) > 0.2
+
+
+def test_refusals(captures):
+    from patterns import InputError
+
+    with pytest.raises(InputError, match=r"scene must have truth.png and ir_left.png"):
+        captured.load(captures / "kinect-v1-tables" / "learn0")
+    with pytest.raises(InputError, match="scene must be one scene of a capture set"):
+        captured.load(captures / "d415-faro")

@@ -1,0 +1,24 @@
+"""The bench prints what it promises; its figures are taken by hand on a quiet machine."""
+
+import pytest
+
+from sim import bench
+
+
+@pytest.mark.slow
+def test_bench_prints_its_keys():
+    figures = bench.bench(repeats=1, samples=1)
+    assert {
+        "pipeline_s",
+        "floor_s",
+        "ratio",
+        "ratio_d4xx",
+        "second_frame_ratio",
+        "indirect_s",
+        "effects_ms",
+        "peak_gib",
+        "variant",
+        "size",
+    } <= figures.keys()
+    assert figures["peak_gib"] <= 2.0
+    assert figures["ratio"] == pytest.approx(figures["pipeline_s"] / figures["floor_s"])

@@ -1,0 +1,94 @@
+"""The choice of Mitsuba's variant and of the LLVM library."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from sim import backend
+
+ROOT = Path(__file__).parents[3]
+
+
+def answer(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run code in a fresh process: the variant is chosen once a process."""
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def library(folder: Path, name: str) -> str:
+    (folder / name).write_bytes(b"")
+    return str(folder / name)
+
+
+def test_the_newest_llvm_that_works_is_taken(tmp_path, monkeypatch):
+    for name in ("libLLVM-15.so.1", "libLLVM-17.so.1", "libLLVM.so.19.1", "libLLVM-14.so"):
+        library(tmp_path, name)
+    monkeypatch.setattr(backend, "_PLACES", (str(tmp_path / "libLLVM*.so*"),))
+    monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
+    assert list(backend.llvm_libraries().values()) == [19, 17, 15, 14]
+    assert backend.llvm_library() == str(tmp_path / "libLLVM.so.19.1")
+
+
+def test_old_llvm_is_not_taken_and_the_users_choice_is(tmp_path, monkeypatch):
+    library(tmp_path, "libLLVM-15.so.1")
+    monkeypatch.setattr(backend, "_PLACES", (str(tmp_path / "libLLVM*.so*"),))
+    monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
+    assert backend.llvm_library() is None
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/own/libLLVM.so")
+    assert backend.llvm_library() == "/own/libLLVM.so"
+
+
+def test_without_llvm_it_says_so_and_goes_on():
+    told = answer(
+        "from sim import backend; backend._PLACES = (); print(backend.mitsuba().variant())",
+        DRJIT_LIBLLVM_PATH="",
+    )
+    assert told.returncode == 0
+    if "cuda" not in told.stdout:
+        assert told.stdout.strip() == "scalar_rgb"
+        assert "no libLLVM >= 16 was found" in told.stderr
+
+
+def test_an_unknown_variant_is_refused():
+    told = answer("from sim import backend; backend.mitsuba()", STARLING_VARIANT="llvm_rgb")
+    assert "STARLING_VARIANT must be a known name; got 'llvm_rgb'" in told.stderr
+
+
+def test_a_variant_that_cannot_run_is_refused():
+    code = "from sim import backend; backend._PLACES = (); backend.mitsuba()"
+    told = answer(code, STARLING_VARIANT="llvm_ad_mono", DRJIT_LIBLLVM_PATH="")
+    assert "BackendError: STARLING_VARIANT must name a variant that runs here" in told.stderr
+
+
+def test_the_refusal_of_a_variant_reaches_the_user_as_one_line():
+    command = [sys.executable, "starling.py", "doctor"]
+    environment = {**os.environ, "STARLING_VARIANT": "nonsense"}
+    told = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+    )
+    assert told.returncode == 1
+    assert len(told.stderr.strip().splitlines()) == 1
+
+
+def test_report_names_what_matters():
+    report = backend.report()
+    assert report["variant"] in backend.VARIANTS
+    assert {"llvm", "gpu", "cores", "python", "versions"} <= report.keys()
+    assert report["versions"]["mitsuba"]
+
+
+def test_only_jit_variants_compile(monkeypatch):
+    class Scalar:
+        @staticmethod
+        def variant() -> str:
+            return "scalar_rgb"
+
+    monkeypatch.setattr(backend, "mitsuba", lambda: Scalar)
+    assert not backend.is_jit()
