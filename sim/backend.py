@@ -90,6 +90,8 @@ def mitsuba() -> Any:
             stacklevel=2,
         )
     mi.set_variant(variant)
+    # Its warnings go to standard output, which belongs to results.
+    mi.set_log_level(mi.LogLevel.Error)
     return mi
 
 

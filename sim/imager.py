@@ -84,6 +84,7 @@ def read_out(imager: Imager, electrons: Image, rng: np.random.Generator) -> Infr
     if imager.shot_noise > 0 or imager.read_noise_e > 0:
         draw = rng.standard_normal(electrons.shape, np.float32)
         signal = electrons + draw * noise_e(imager, electrons)
+    signal = np.minimum(signal, np.float32(imager.full_well_e))
     level = signal * np.float32(imager.dn_per_electron) + np.float32(imager.black_level_dn)
     return digital(imager, level)
 

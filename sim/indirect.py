@@ -94,13 +94,14 @@ def _raised(coarse: Image, coarse_guide: Image, guide: Image) -> Image:
     Source: Kopf et al., Joint bilateral upsampling, 2007, eq. 3.
     """
     height, width = guide.shape[:2]
-    row = (np.arange(height, dtype=np.float32) + 0.5) / _SHRINK - 0.5
-    column = (np.arange(width, dtype=np.float32) + 0.5) / _SHRINK - 0.5
+    rows, columns = coarse.shape
+    row = (np.arange(height, dtype=np.float32) + 0.5) * (rows / height) - 0.5
+    column = (np.arange(width, dtype=np.float32) + 0.5) * (columns / width) - 0.5
     total, weights = np.zeros((2, height, width), np.float32)
     for down, across in np.ndindex(2, 2):
         i, j = np.floor(row).astype(int) + down, np.floor(column).astype(int) + across
         near = np.outer(1 - np.abs(row - i), 1 - np.abs(column - j)).astype(np.float32)
-        cell = np.ix_(np.clip(i, 0, coarse.shape[0] - 1), np.clip(j, 0, coarse.shape[1] - 1))
+        cell = np.ix_(np.clip(i, 0, rows - 1), np.clip(j, 0, columns - 1))
         apart = np.abs(guide - coarse_guide[cell]).sum(axis=-1)
         weight = (near + 1e-3) * (np.exp(-0.5 * apart**2) + np.float32(1e-6))
         total += weight * coarse[cell]

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 
-from sim import backend, frames
+from patterns import errors
+from sim import backend, frames, projector
 from sim.frames import Pose
 from sim.layers import Image
 from sim.sensor import Sensor
 from sim.stage import Stage, grey_bitmap
+
+_SQUARE = 2e-3  # How far from square a sensor's pixels may be.
 
 
 def lit(stage: Stage, sensor: Sensor, irradiance: Image) -> Any:
@@ -26,9 +30,15 @@ def lit(stage: Stage, sensor: Sensor, irradiance: Image) -> Any:
     mi = backend.mitsuba()
     part = sensor.projector
     place = frames.pose(part.position_m, part.rotation_deg)
+    half_x, half_y = projector.half_tangents(part)
+    columns = irradiance.shape[1]
+    # The plugin's vertical field follows from the texture's shape: its pixels have to be square.
+    square = cv2.resize(
+        irradiance, (columns, round(columns * half_y / half_x)), interpolation=cv2.INTER_AREA
+    )
     emitter = {
         "type": "projector",
-        "irradiance": grey_bitmap(irradiance / np.float32(np.pi)),
+        "irradiance": grey_bitmap(np.asarray(square, np.float32) / np.float32(np.pi)),
         "fov": part.fov_x_deg,
         "fov_axis": "x",
         "to_world": _transform(stage.scene.world_from_left @ place),
@@ -47,8 +57,18 @@ def camera(
         world_from_camera: OpenCV pose.
         sampler: `fixed(n)` for n x n fixed positions a pixel, or another of Mitsuba's.
         shrink: render an image smaller by this factor; it sees the same field.
+
+    Raises:
+        InputError: if the sensor's pixels are not square, as this camera's are.
     """
     mi = backend.mitsuba()
+    errors.in_interval(
+        "fy_px / fx_px",
+        sensor.fy_px / sensor.fx_px,
+        1 - _SQUARE,
+        1 + _SQUARE,
+        "Indirect light and the scalar variant need square pixels: set samples to 0, or fy_px.",
+    )
     offset_x, offset_y = frames.principal_point_offset(
         sensor.cx_px, sensor.cy_px, sensor.width, sensor.height
     )

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +75,8 @@ class Ambient:
     def __post_init__(self) -> None:
         errors.in_interval("ambient.irradiance_w_m2", self.irradiance_w_m2, 0.0, 2e3)
         errors.in_interval("ambient.gradient", self.gradient, 0.0, 1.0)
+        length = float(np.linalg.norm(self.up))
+        errors.in_interval("length of ambient.up", length, 0.999, 1.001, "Give a unit vector.")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -84,7 +85,7 @@ class Scene:
 
     name: str
     bodies: tuple[Body, ...] = ()
-    xml: Path | None = None  # A Mitsuba scene whose shapes are taken instead of bodies.
+    shapes: tuple[Any, ...] = ()  # Mitsuba shapes, loaded, that are there beside the bodies.
     ambient: Ambient = field(default_factory=Ambient)
     world_from_left: Pose = field(default_factory=lambda: np.eye(4))
     # A ray from the projector counts as arrived when it ends this share of its length short:
@@ -92,8 +93,6 @@ class Scene:
     shadow_tolerance: float = 1e-3
 
     def __post_init__(self) -> None:
-        if not self.bodies and self.xml is None:
-            raise errors.refuse(
-                "scene", "must hold at least one body", self.name, "Add a body or a Mitsuba XML."
-            )
+        if not self.bodies and not self.shapes:
+            raise errors.refuse("scene", "must hold at least one body", self.name, "Add a body.")
         errors.in_interval("scene.shadow_tolerance", self.shadow_tolerance, 1e-5, 0.1)

@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from patterns import errors
 from sim.matcher import Matcher, named
 
@@ -55,6 +57,12 @@ class Imager:
     def ceiling_dn(self) -> int:
         """Highest code of the converter [DN]."""
         return 2**self.bit_depth - 1
+
+    @property
+    def saturation_dn(self) -> int:
+        """Code that a full pixel gives: the ceiling, or less at a gain below 1 [DN]."""
+        full = self.full_well_e * self.dn_per_electron + self.black_level_dn
+        return min(self.ceiling_dn, round(full))
 
     @property
     def dn_per_electron(self) -> float:
@@ -145,6 +153,16 @@ class Sensor:
             "baseline_m", self.baseline_m, "The left imager comes first: give the distance [m]."
         )
         errors.one_of("kind", self.kind, ("stereo", "structured_light"))
+        beside = (self.baseline_m, 0.0, 0.0)
+        if self.kind == "structured_light" and not np.allclose(
+            self.projector.position_m, beside, rtol=0, atol=1e-9
+        ):
+            raise errors.refuse(
+                "projector.position_m",
+                "must be [baseline_m, 0, 0] where the projector takes the right imager's place",
+                list(self.projector.position_m),
+                f"Set it to {list(beside)}, or baseline_m to match.",
+            )
 
     @property
     def focal_baseline_px_m(self) -> float:

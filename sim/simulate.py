@@ -106,12 +106,14 @@ def _geometric_causes(truth: Truth, sensor: Sensor) -> dict[Reason, Mask]:
     )
     column = np.arange(sensor.width, dtype=np.float32)
     outside = surface & (column - disparity < -0.5)
-    return {
+    causes = {
         Reason.NO_SURFACE: ~surface,
         Reason.OUTSIDE_OVERLAP: outside,
-        Reason.OCCLUDED: surface & ~truth.right_sees & ~outside,
         Reason.SHADOWED: surface & ~truth.lit & (sensor.projector.power_w > 0),
     }
+    if sensor.kind == "stereo":  # Else there is no right imager to be hidden from.
+        causes[Reason.OCCLUDED] = surface & ~truth.right_sees & ~outside
+    return causes
 
 
 def _photometric_causes(part: Imager, electrons: Image, infrared: Infrared) -> dict[Reason, Mask]:
@@ -120,7 +122,7 @@ def _photometric_causes(part: Imager, electrons: Image, infrared: Infrared) -> d
     mean = np.asarray(cv2.blur(electrons, window), np.float32)
     step_e = 1 / part.dn_per_electron
     noise = np.sqrt(imager.noise_e(part, mean) ** 2 + np.float32(step_e * step_e / 12))
-    burnt = (infrared >= part.ceiling_dn).astype(np.float32)
+    burnt = (infrared >= part.saturation_dn).astype(np.float32)
     return {
         Reason.LOW_SIGNAL: mean < _DARK_SNR * noise,
         Reason.SATURATED: cv2.blur(burnt, window) > _BURNT_SHARE,

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from patterns import errors
 from sim import backend
 from sim.scene import Body, Material, Scene
 
@@ -15,17 +16,61 @@ class Stage:
     """Mitsuba's shapes of one `Scene`; built once, rendered from any number of poses."""
 
     def __init__(self, scene: Scene) -> None:
-        """Load the shapes; a scene's XML is known to load by then (`sim.scenes.xml_file`)."""
+        """Set up the shapes.
+
+        Raises:
+            InputError: if the scene is not in metres, or the camera stands inside a body.
+        """
         self.scene = scene
         mi = backend.mitsuba()
-        shapes = [_shape(body) for body in scene.bodies]
-        if scene.xml:
-            shapes = list(mi.load_file(str(scene.xml)).shapes())
+        shapes = [*map(_shape, scene.bodies), *scene.shapes]
         self.shapes = shapes
         self.mitsuba: Any = mi.load_dict(
             {"type": "scene", **{f"body_{i:04d}": shape for i, shape in enumerate(shapes)}}
         )
         self.numbers = _numbers(shapes)  # From Dr.Jit's shape handle to the body's number.
+        _refuse_extent(self)
+        _refuse_inside(self)
+
+
+_LARGEST_M = 100.0
+_DIRECTIONS = 64
+
+
+def _refuse_extent(stage: Stage) -> None:
+    """Refuse what cannot be metres."""
+    bounds = stage.mitsuba.bbox()
+    extent = float(max(np.array(bounds.max).ravel() - np.array(bounds.min).ravel()))
+    if extent > _LARGEST_M:
+        raise errors.refuse(
+            "scene extent",
+            f"must be at most {_LARGEST_M:g} m",
+            f"{extent:g} m in {stage.scene.name}",
+            "It looks like millimetres: scale the mesh by 0.001.",
+        )
+    if extent == 0:
+        raise errors.refuse("scene extent", "must be > 0", "0 m", "Is the mesh a point?")
+
+
+def _refuse_inside(stage: Stage) -> None:
+    """Refuse a camera that sees the back of a surface in every direction."""
+    mi = backend.mitsuba()
+    eye = stage.scene.world_from_left[:3, 3]
+    turn = np.pi * (3 - np.sqrt(5)) * np.arange(_DIRECTIONS)  # A spiral of even directions.
+    height = 1 - 2 * (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
+    flat = np.sqrt(1 - height**2)
+    for x, y, z in zip(flat * np.cos(turn), flat * np.sin(turn), height, strict=True):
+        direction = mi.Vector3f(float(x), float(y), float(z))
+        hit = stage.mitsuba.ray_intersect(mi.Ray3f(mi.Point3f(*map(float, eye)), direction))
+        back = np.array(hit.is_valid()).any() and np.dot(np.array(hit.n).ravel(), (x, y, z)) > 0
+        if not back:
+            return
+    raise errors.refuse(
+        "camera",
+        "must stand outside every body",
+        f"{np.round(eye, 3).tolist()} in {stage.scene.name}",
+        "Move it, or turn the normals of a room inwards.",
+    )
 
 
 def _numbers(shapes: list[Any]) -> NDArray[np.uint32]:

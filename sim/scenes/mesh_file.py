@@ -7,17 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
 from patterns import errors
 from sim import frames
-from sim.scene import Body, Material, Scene
+from sim.scene import Ambient, Body, Material, Scene
 from sim.scenes import solids
 from sim.sensor import Sensor
 
 SUFFIXES = (".ply", ".obj", ".glb")
 
-_LARGEST_M = 100.0
 _SURFACE = Material(name="unnamed", reflectance=0.5)
 
 
@@ -31,34 +29,15 @@ def load(path: Path, sensor: Sensor, world_from_left: frames.Pose | None = None)
             front (+z) and a little above, from where all of it is seen.
 
     Raises:
-        InputError: missing, corrupt or empty file, not metres, or the camera inside a body.
+        InputError: missing, corrupt or empty file.
     """
     bodies = tuple(
         Body(name=name, mesh=solids.mesh(part, smooth=False), material=_SURFACE)
         for name, part in _parts(path)
     )
-    points = np.concatenate([body.mesh.vertices for body in bodies])
-    low, high = points.min(axis=0), points.max(axis=0)
-    extent = float((high - low).max())
-    if extent > _LARGEST_M:
-        raise errors.refuse(
-            "mesh extent",
-            f"must be at most {_LARGEST_M:g} m",
-            f"{extent:g} m in {path}",
-            "It looks like millimetres: scale the mesh by 0.001.",
-        )
-    if extent == 0:
-        raise errors.refuse("mesh extent", "must be > 0", f"0 m in {path}", "Is it a point?")
-    pose = _front(low, high, sensor) if world_from_left is None else world_from_left
-    for body in bodies:
-        if winding_number(body, pose[:3, 3]) > 0.5:
-            raise errors.refuse(
-                "camera",
-                "must stand outside every body",
-                f"{np.round(pose[:3, 3], 3).tolist()} inside {body.name}",
-                "Move it, or turn the normals of a room inwards.",
-            )
-    return Scene(name=path.stem, bodies=bodies, world_from_left=pose)
+    pose = _front(bodies, sensor) if world_from_left is None else world_from_left
+    up = Ambient(up=(0.0, 1.0, 0.0))
+    return Scene(name=path.stem, bodies=bodies, ambient=up, world_from_left=pose)
 
 
 def _parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
@@ -83,30 +62,18 @@ def _parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
     return parts
 
 
-def _front(low: NDArray, high: NDArray, sensor: Sensor) -> frames.Pose:
-    """View from the front, 20 degrees above, that holds the bounding sphere."""
+def _front(bodies: tuple[Body, ...], sensor: Sensor) -> frames.Pose:
+    """View from the front, 20 degrees above, that holds the bounding sphere.
+
+    It keeps the distance that the sensor's range and search need.
+    """
+    points = np.concatenate([body.mesh.vertices for body in bodies])
+    low, high = points.min(axis=0), points.max(axis=0)
     middle = (low + high) / 2
     radius = float(np.linalg.norm(high - low)) / 2
     half = min(sensor.width / sensor.fx_px, sensor.height / sensor.fy_px) / 2
-    distance = radius * np.sqrt(1 + 1 / half**2)
+    nearest = max(sensor.post.near_m, sensor.focal_baseline_px_m / sensor.matcher.search_px)
+    distance = max(radius * np.sqrt(1 + 1 / half**2), 1.2 * nearest + radius)
     away = np.array([0.0, np.sin(np.deg2rad(20)), np.cos(np.deg2rad(20))])
-    eye = middle + distance * away
+    eye = middle + max(distance, 1e-3) * away
     return frames.look_at(tuple(eye), tuple(middle), (0.0, 1.0, 0.0))
-
-
-def winding_number(body: Body, point: NDArray) -> float:
-    """How often a body's surface winds around a point: 1 inside a closed one, 0 outside.
-
-    Source: van Oosterom and Strackee, The solid angle of a plane triangle, 1983, eq. 8.
-    """
-    corners = body.mesh.vertices[body.mesh.faces].astype(np.float64) - point
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-    triple = np.einsum("ij,ij->i", a, np.cross(b, c))
-    below = (
-        la * lb * lc
-        + np.einsum("ij,ij->i", a, b) * lc
-        + np.einsum("ij,ij->i", b, c) * la
-        + np.einsum("ij,ij->i", c, a) * lb
-    )
-    return float(np.arctan2(triple, below).sum() / (2 * np.pi))

@@ -1,4 +1,4 @@
-"""The walls of docs/design: which room may import which, and where heavy libraries may live.
+"""The walls: which room may import which, and where heavy libraries may live.
 
 Every exception stands in a table below with its reason.
 """

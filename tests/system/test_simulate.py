@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from patterns import InputError
-from sim import reference, render, sensors, simulate, stage
+from sim import backend, plugin_scene, projector, reference, render, sensors, simulate, stage
 from sim.reason import Reason
 from sim.scene import Ambient
 from sim.scenes import builtin
@@ -111,6 +111,25 @@ def test_structured_light_measures_a_wall(name):
     assert np.nanmedian(shot.depth.depth_m[inner]) == pytest.approx(1.2, abs=0.01)
 
 
+def test_structured_light_has_no_right_imager_to_be_hidden_from():
+    reasons = simulate.simulate(builtin.tabletop(), sensors.load("kinect-v1")).depth.reason
+    assert (reasons == Reason.SHADOWED).any()
+    assert not (reasons == Reason.OCCLUDED).any()
+
+
+def test_structured_light_has_one_baseline():
+    sensor = sensors.load("kinect-v1")
+    with pytest.raises(InputError, match="position_m must be"):
+        dataclasses.replace(sensor, baseline_m=0.1)
+
+
+def test_indirect_light_wants_square_pixels():
+    sensor = dataclasses.replace(sensors.load("d435"), fy_px=500.0)
+    with pytest.raises(InputError, match="fy_px / fx_px must be in"):
+        simulate.simulate(builtin.wall(1.0), sensor, samples=1)
+    assert simulate.simulate(builtin.wall(1.0), sensor).depth.valid.any()
+
+
 def test_the_reference_does_not_know_the_scene():
     sensor = sensors.load("kinect-v1")
     shots = [simulate.simulate(builtin.wall(z), sensor) for z in (0.8, 2.0)]
@@ -125,11 +144,24 @@ def test_holes_do_not_move_with_samples(clutter):
     assert abs(rates[0] - rates[1]) < 0.001
 
 
-def test_indirect_light_is_unbiased_and_smaller_than_direct(clutter):
-    sensor = sensors.load("d435")
-    few, many = (simulate.simulate(clutter, sensor, samples=n).layers.left for n in (4, 64))
-    assert few.projector_indirect.mean() == pytest.approx(many.projector_indirect.mean(), rel=0.05)
-    assert 0 < many.projector_indirect.mean() < 0.3 * many.projector_direct.mean()
+def test_indirect_light_agrees_with_a_plain_path_tracer(clutter):
+    """Neither the averaged pattern nor the low-pass changes how much light there is."""
+    mi, sensor = backend.mitsuba(), sensors.load("d435")
+    dots = projector.irradiance_at_unit_distance(sensor.projector)
+    lit = plugin_scene.lit(clutter, sensor, dots)
+    camera = plugin_scene.camera(
+        sensor, clutter.scene.world_from_left, sampler={"type": "independent"}, shrink=2
+    )
+    images = [
+        np.array(mi.render(lit, sensor=camera, integrator=mi.load_dict(path), spp=64, seed=5))
+        for path in (
+            {"type": "path", "max_depth": depth, "hide_emitters": True} for depth in (5, 2)
+        )
+    ]
+    plain = float((images[0] - images[1]).mean())
+    view = simulate.simulate(clutter, sensor, samples=16).layers.left
+    assert view.projector_indirect.mean() == pytest.approx(plain, rel=0.05)
+    assert 0 < view.projector_indirect.mean() < 0.3 * view.projector_direct.mean()
 
 
 def test_indirect_light_of_a_flat_wall_is_nothing():

@@ -49,6 +49,15 @@ def test_saturation_is_flat_at_the_ceiling():
     assert imager.read_out(REAL, flat(10), rng()).dtype == np.uint16
 
 
+def test_a_full_pixel_stays_full_at_low_gain():
+    """Below unit gain the pixel fills before the converter does."""
+    low = dataclasses.replace(REAL, gain=0.25, shot_noise=0.0, read_noise_e=0.0)
+    image = imager.read_out(low, flat(1e6), rng())
+    assert (image == low.saturation_dn).all()
+    assert low.saturation_dn == round(0.25 * 4095 + 20)
+    assert REAL.saturation_dn == REAL.ceiling_dn
+
+
 def test_electrons_by_hand():
     """A wall of 0.01 W m^-2 sr^-1 before an f/2 lens, 3 um pixels, 8.5 ms, half the photons.
 

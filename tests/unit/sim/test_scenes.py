@@ -5,9 +5,9 @@ import pytest
 import trimesh
 
 from patterns import InputError
-from sim import frames, render, scenes, sensors, stage
+from sim import frames, render, scenes, sensors, simulate, stage
 from sim.scene import Ambient, Body, Material, Mesh, Scene
-from sim.scenes import builtin, mesh_file, solids
+from sim.scenes import builtin, mesh_file
 
 SENSOR = sensors.load("d435")
 GREY = Material(name="grey")
@@ -95,35 +95,55 @@ def test_refused_meshes(tmp_path):
     (tmp_path / "empty.ply").write_bytes(b"")
     (tmp_path / "text.glb").write_text("no mesh at all")
     trimesh.PointCloud([[0, 0, 0], [1, 0, 0]]).export(tmp_path / "points.ply")
-    trimesh.creation.box((300.0, 200.0, 100.0)).export(tmp_path / "millimetres.ply")
-    trimesh.Trimesh([[1.0, 1, 1]] * 3, [[0, 1, 2]], process=False).export(tmp_path / "point.obj")
     for name, message in {
         "empty.ply": "scene must be a mesh",
         "text.glb": "scene must be a mesh",
         "points.ply": "scene must hold triangles",
-        "millimetres.ply": "mesh extent must be at most 100 m; got 300 m .*millimetres",
-        "point.obj": "mesh extent must be > 0",
     }.items():
         with pytest.raises(InputError, match=message) as caught:
             scenes.load(str(tmp_path / name), SENSOR)
         assert "\n" not in str(caught.value)
 
 
+def test_what_cannot_be_metres_is_refused(tmp_path):
+    trimesh.creation.box((300.0, 200.0, 100.0)).export(tmp_path / "millimetres.ply")
+    trimesh.Trimesh([[1.0, 1, 1]] * 3, [[0, 1, 2]], process=False).export(tmp_path / "point.obj")
+    large = scenes.load(str(tmp_path / "millimetres.ply"), SENSOR)
+    with pytest.raises(InputError, match="scene extent must be at most 100 m; got 300 m"):
+        stage.Stage(large)
+    point = scenes.load(str(tmp_path / "point.obj"), SENSOR)
+    with pytest.raises(InputError, match="scene extent must be > 0"):
+        stage.Stage(point)
+
+
 def test_the_camera_may_not_stand_inside_a_body(tmp_path):
     path = tmp_path / "box.ply"
+    inside = frames.pose((0.1, 0.2, 0.0))
     trimesh.creation.box((1.0, 1.0, 1.0)).export(path)
     with pytest.raises(InputError, match="camera must stand outside every body"):
-        mesh_file.load(path, SENSOR, frames.pose((0.1, 0.2, 0.0)))
+        stage.Stage(mesh_file.load(path, SENSOR, inside))
     room = trimesh.creation.box((3.0, 3.0, 3.0))
     room.invert()
     room.export(path)
-    assert mesh_file.load(path, SENSOR, frames.pose((0.1, 0.2, 0.0))).bodies
+    assert stage.Stage(mesh_file.load(path, SENSOR, inside)).shapes
 
 
-def test_winding_number():
-    ball = solids.body("ball", solids.sphere(1.0), GREY)
-    assert mesh_file.winding_number(ball, np.zeros(3)) == pytest.approx(1.0, abs=1e-6)
-    assert mesh_file.winding_number(ball, np.array([2.0, 0, 0])) == pytest.approx(0.0, abs=1e-6)
+def test_small_things_are_not_looked_at_from_too_near(tmp_path):
+    path = tmp_path / "small.ply"
+    trimesh.creation.box((0.03, 0.03, 0.03)).export(path)
+    truth = render.layers(stage.Stage(scenes.load(str(path), SENSOR)), SENSOR).truth
+    assert np.nanmin(truth.depth_m) > SENSOR.post.near_m
+    assert np.nanmin(truth.depth_m) > SENSOR.focal_baseline_px_m / SENSOR.matcher.search_px
+
+
+def test_light_comes_from_above_in_files(tmp_path):
+    """Files have y up: the top face of a box is brighter than its front."""
+    path = tmp_path / "box.ply"
+    trimesh.creation.box((0.4, 0.4, 0.4)).export(path)
+    layers = render.layers(stage.Stage(scenes.load(str(path), SENSOR)), SENSOR)
+    top = np.nan_to_num(layers.truth.normal[..., 1]) < -0.8
+    front = np.nan_to_num(layers.truth.normal[..., 2]) < -0.8
+    assert layers.left.ambient[top].mean() > layers.left.ambient[front].mean()
 
 
 def test_a_mitsuba_xml_is_seen_by_its_own_sensor(tmp_path):
@@ -135,9 +155,51 @@ def test_a_mitsuba_xml_is_seen_by_its_own_sensor(tmp_path):
     assert layers.left.ambient[row, column] > 0
 
 
+def test_an_xml_without_a_sensor_is_seen_as_mitsuba_would(tmp_path):
+    """Mitsuba's camera at the origin has +x left and +y up."""
+    text = '<scene version="3.0.0"><shape type="sphere"><float name="radius" value="0.1"/>'
+    text += '<point name="center" x="0.2" y="0.3" z="2"/></shape></scene>'
+    (tmp_path / "ball.xml").write_text(text)
+    scene = scenes.load(str(tmp_path / "ball.xml"), SENSOR)
+    rows, columns = np.nonzero(render.layers(stage.Stage(scene), SENSOR).truth.material)
+    assert columns.mean() < SENSOR.cx_px and rows.mean() < SENSOR.cy_px
+
+
+def test_lamps_of_an_xml_give_no_light(tmp_path):
+    lamp = '<shape type="sphere"><point name="center" x="1" y="1" z="0"/>'
+    lamp += '<float name="radius" value="0.2"/>{}</shape></scene>'
+    light = '<emitter type="area"><rgb name="radiance" value="50"/></emitter>'
+    seen = []
+    for name, inner in (("on", light), ("off", "")):
+        (tmp_path / f"{name}.xml").write_text(XML.replace("</scene>", lamp.format(inner)))
+        scene = scenes.load(str(tmp_path / f"{name}.xml"), SENSOR)
+        seen.append(simulate.simulate(scene, SENSOR, samples=2).layers.left)
+    assert np.array_equal(seen[0].radiance, seen[1].radiance)
+
+
+def test_an_xml_finds_the_meshes_beside_it(tmp_path):
+    trimesh.creation.icosphere(2, 0.4).export(tmp_path / "ball.ply")
+    text = XML.replace('type="sphere"', 'type="ply"').replace(
+        '<float name="radius" value="0.5"/>', '<string name="filename" value="ball.ply"/>'
+    )
+    (tmp_path / "scene.xml").write_text(text)
+    assert scenes.load(str(tmp_path / "scene.xml"), SENSOR).shapes
+
+
+def test_reading_an_xml_prints_nothing(tmp_path, capfd):
+    (tmp_path / "ball.xml").write_text(XML)
+    scenes.load(str(tmp_path / "ball.xml"), SENSOR)
+    assert capfd.readouterr().out == ""
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        (
+            '<scene version="3.0.0"><shape type="instance"/></scene>',
+            "scene must not hold instances",
+        ),
+        ('<scene version="3.0.0"><shape type="nonsense"/></scene>', "scene must be a Mitsuba XML"),
         ("<scene", "scene must be a Mitsuba XML"),
         ('<scene version="3.0.0"></scene>', "scene must hold shapes"),
     ],
@@ -171,6 +233,8 @@ def test_refused_scenes():
     )
     with pytest.raises(InputError, match="shadow_tolerance must be in"):
         Scene(name="s", bodies=(body,), shadow_tolerance=0.5)
+    with pytest.raises(InputError, match=r"length of ambient\.up must be in"):
+        Ambient(up=(0.0, 2.0, 0.0))
     with pytest.raises(InputError, match="irradiance_w_m2 must be in"):
         Ambient(irradiance_w_m2=-1.0)
     with pytest.raises(InputError, match="kind of x must be a known name"):
