@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import importlib.metadata
 import os
 import platform
 import re
@@ -12,6 +11,7 @@ from functools import cache
 from typing import Any
 
 from patterns import errors
+from sim import record
 
 VARIANTS = ("cuda_ad_mono", "llvm_ad_mono", "scalar_rgb")
 _OLDEST_LLVM = 16  # 15 aborts the whole process on AVX-512 machines, 14 is refused by Dr.Jit.
@@ -111,7 +111,6 @@ def is_jit() -> bool:
 def report() -> dict[str, Any]:
     """Say what this machine can do: variant, LLVM, GPU and the versions that matter."""
     mi, dr = mitsuba(), drjit()
-    names = ("mitsuba", "drjit", "numpy", "opencv-contrib-python-headless", "OpenEXR", "numba")
     return {
         "variant": str(mi.variant()),
         "llvm": llvm_library(),
@@ -121,5 +120,5 @@ def report() -> dict[str, Any]:
         "machine": platform.machine(),
         "system": platform.platform(),
         "python": platform.python_version(),
-        "versions": {name: importlib.metadata.version(name) for name in names},
+        "versions": record.versions(),
     }

@@ -67,10 +67,11 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CensusSemiGlobal:
-    """Census + absolute difference, averaged over a square support, then scanlines.
+    """Census + absolute difference, averaged over a cross-shaped support, then scanlines.
 
     Cost of a pixel pair = bits that differ in the census [bit] + weighted, clipped absolute
-    difference [bit]. It is averaged over the support; penalties are in bits too, so that they do
+    difference [bit]. It is averaged over the support, which ends where the brightness steps: a
+    surface that looks different is likely another one. Penalties are in bits too, so that they do
     not depend on the support's size. Brightness is in DN on the scale of 8 bits, whatever the
     image's depth. Source of the scheme: Mei et al. 2011, AD-Census; Hirschmueller 2008, SGM.
     """
@@ -80,7 +81,8 @@ class CensusSemiGlobal:
     tolerance_dn: float = 0.2  # A neighbour counts as darker only by more than this [DN].
     difference_weight: float = 0.125  # Cost of one DN of absolute difference [bit/DN].
     difference_cap_dn: float = 8.0  # Differences count no further than this [DN].
-    support_px: int = 11  # Side of the square support.
+    support_px: int = 11  # Largest side of the support.
+    arm_step_dn: float = 6.0  # It ends where the left image differs by more than this [DN].
     small_penalty: float = 12.0  # P1, for a step of one disparity [bit].
     large_penalty: float = 48.0  # P2, for a larger step [bit].
 
@@ -91,6 +93,7 @@ class CensusSemiGlobal:
         in_interval("difference_weight", self.difference_weight, 0.0, 8.0)
         in_interval("difference_cap_dn", self.difference_cap_dn, 0.0, 255.0)
         _odd("support_px", self.support_px, 1, 15)
+        in_interval("arm_step_dn", self.arm_step_dn, 0.0, 255.0)
         in_interval("small_penalty", self.small_penalty, 0.0, 100.0)
         in_interval("large_penalty", self.large_penalty, 0.0, 100.0)
         if self.large_penalty < self.small_penalty:
@@ -136,6 +139,7 @@ class Checks:
 
     uniqueness: float = 0.0  # The second best must cost this much more [percent]; 0 = off.
     left_right_px: float = 1024.0  # Largest difference of the two views' disparities [px].
+    left_right_mean_px: int = 0  # Jump-preserving mean both take before; 0 = whole px compared.
     texture_dn: float = 0.0  # Least standard deviation in the left window [DN of 8 bits]; 0 = off.
     jump_px: float = 1024.0  # Largest range of disparities in 3x3 pixels [px].
     speckle_count: int = 0  # Islands of up to so many pixels are removed; 0 = off.
@@ -144,6 +148,8 @@ class Checks:
     def __post_init__(self) -> None:
         in_interval("uniqueness", self.uniqueness, 0.0, 100.0)
         in_interval("left_right_px", self.left_right_px, 0.0, 1024.0)
+        if self.left_right_mean_px:
+            _odd("left_right_mean_px", self.left_right_mean_px, 1, 31)
         in_interval("texture_dn", self.texture_dn, 0.0, 255.0)
         in_interval("jump_px", self.jump_px, 0.0, 1024.0)
         _whole("speckle_count", self.speckle_count, 0, 1_000_000)
@@ -184,9 +190,14 @@ FAST = Matcher(
 
 D4XX = Matcher(
     engine=CensusSemiGlobal(),
-    refinement=Refinement(median_px=5, smooth_px=13, smooth_step_px=2.0, quantum_px=1 / 32),
+    refinement=Refinement(median_px=5, smooth_px=15, smooth_step_px=2.0, quantum_px=1 / 32),
     checks=Checks(
-        left_right_px=1.0, texture_dn=0.1, jump_px=4.0, speckle_count=100, speckle_step_px=1.0
+        left_right_px=0.75,  # The device's 24, read as 1/32 px.
+        left_right_mean_px=9,
+        texture_dn=0.1,
+        jump_px=5.0,
+        speckle_count=300,
+        speckle_step_px=1.0,
     ),
 )
 """The RealSense D4 family's matcher, from its own infrared pairs: docs/decisions/0003-matcher.md.
@@ -200,6 +211,7 @@ KINECT = Matcher(
         presmooth_px=0.0,
         difference_weight=0.0,  # The reference's contrast is not the image's.
         support_px=9,
+        arm_step_dn=255.0,  # A plain square.
         small_penalty=0.0,
         large_penalty=0.0,
     ),

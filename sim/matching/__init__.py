@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import reduce
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from patterns.errors import refuse
 from sim.matcher import CensusSemiGlobal, Checks, Matcher
-from sim.matching import census, checks, opencv, semiglobal, subpixel
+from sim.matching import census, checks, opencv, semiglobal, subpixel, support
 from sim.matching.disparity import DisparityMap as DisparityMap
 from sim.reason import Reason, first_cause
 
@@ -108,7 +109,7 @@ def support_cost(
 ) -> Callable[[int, NDArray[np.uint16]], None]:
     """Cost of the own engine: a call fills (rows, w, search) from the given image row on.
 
-    The cost has `census.COST_SCALE` levels per bit.
+    The cost has `support.COST_SCALE` levels per bit.
     """
     shift = matcher.min_disparity_px
     tolerance = round(engine.tolerance_dn * census.SUBLEVELS)
@@ -122,9 +123,10 @@ def support_cost(
     bits_r, dn_r = census.mirrored(bits_r, pad=beyond), census.mirrored(dn_r, pad=beyond)
     weight = np.uint16(round(16 * engine.difference_weight))
     cap, reach = np.uint16(round(engine.difference_cap_dn)), engine.support_px // 2
+    arms = support.arms(level, step=round(engine.arm_step_dn * census.SUBLEVELS), reach=reach)
 
     def fill(start: int, out: NDArray[np.uint16]) -> None:
-        census.support_cost(bits, bits_r, dn, dn_r, shift, weight, cap, reach, start, out)
+        support.support_cost(bits, bits_r, dn, dn_r, shift, weight, cap, arms, reach, start, out)
 
     return fill
 
@@ -136,20 +138,30 @@ def _census_semi_global(
     found = semiglobal.select(
         support_cost(left, right, matcher, engine),
         (*left.shape, matcher.search_px),
-        p1=round(engine.small_penalty * census.COST_SCALE),
-        p2=round(engine.large_penalty * census.COST_SCALE),
+        p1=round(engine.small_penalty * support.COST_SCALE),
+        p2=round(engine.large_penalty * support.COST_SCALE),
         shift=matcher.min_disparity_px,
     )
-    shift = np.int16(matcher.min_disparity_px)
-    whole = found.best + shift
-    right_whole = np.where(found.right_best < 0, np.int16(-1), found.right_best + shift)
+    whole = found.best + np.int16(matcher.min_disparity_px)
     at_end = (found.best == 0) | (found.best == matcher.search_px - 1)
     causes = {
         Reason.OUTSIDE_OVERLAP: whole > np.arange(left.shape[1]),
         Reason.AMBIGUOUS: at_end | (found.margin_pct < matcher.checks.uniqueness),
-        Reason.LEFT_RIGHT: checks.left_right(
-            whole, right_whole, apart_px=matcher.checks.left_right_px
-        ),
+        Reason.LEFT_RIGHT: _left_right(found, matcher),
     }
     disparity = subpixel.refine(whole + found.offset, matcher.refinement, found.bend)
     return disparity, causes
+
+
+def _left_right(found: semiglobal.Winners, matcher: Matcher) -> NDArray[np.bool_]:
+    """Compare both views: their whole winners, or smoothed values with a sub-pixel part."""
+    setting, seen = matcher.checks, found.right_best >= 0
+    left, right = found.best.astype(np.float32), found.right_best.astype(np.float32)
+    if setting.left_right_mean_px:
+        smooth = replace(matcher.refinement, smooth_px=setting.left_right_mean_px)
+        left = subpixel.refine(left + found.offset, smooth)
+        right = np.where(seen, right + found.right_offset, np.float32(np.nan))
+        right = subpixel.refine(right, smooth)
+    shift = np.float32(matcher.min_disparity_px)
+    right = np.where(seen, right + shift, np.float32(-1))
+    return checks.left_right(left + shift, right, apart_px=setting.left_right_px)

@@ -10,8 +10,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 SUBLEVELS = 64  # Levels per DN of the 8-bit scale, so that smoothing keeps fractions of a DN.
-COST_SCALE = 32  # Levels per bit in the averaged cost: the sub-pixel fit needs the fractions.
-_u8, _u16, _u32, _u64 = np.uint8, np.uint16, np.uint32, np.uint64
+_u8, _u16, _u64 = np.uint8, np.uint16, np.uint64
 
 
 def levels(image: NDArray, *, presmooth_px: float) -> NDArray[np.uint16]:
@@ -93,7 +92,7 @@ def _popcount(typing_context, word):
 
 
 @nb.njit(inline="always")
-def _cost_row(bits, bits_r, dn, dn_r, pad, weight, cap, out):  # pragma: no cover - compiled
+def cost_row(bits, bits_r, dn, dn_r, pad, weight, cap, out):  # pragma: no cover - compiled
     """Cost of every disparity in one row; the right row is mirrored and padded by `pad`."""
     w, search = out.shape
     for x in range(w):
@@ -107,55 +106,6 @@ def _cost_row(bits, bits_r, dn, dn_r, pad, weight, cap, out):  # pragma: no cove
             step = min(step, cap)
             differing = _u16(_popcount(mine ^ theirs[d]))  # pyright: ignore[reportCallIssue]
             row[d] = _u8(differing + _u16(_u16(step * weight) >> _u16(4)))
-
-
-@nb.njit(nogil=True, cache=True)
-def support_cost(
-    bits, bits_r, dn, dn_r, pad, weight, cap, reach, start, out
-):  # pragma: no cover - compiled
-    """Average the cost over a square of side 2 * reach + 1; rows and columns repeat outwards.
-
-    Keeps only the rows its window spans, so that any band of rows can be made alone.
-
-    Args:
-        bits, dn: (h, w) census and brightness [DN] of the left image, uint64 and uint8.
-        bits_r, dn_r: (h, w + pad + search) the right image's, mirrored, last column repeated.
-        pad: smallest disparity [px].
-        weight: 1/16 bit per DN. cap: largest difference [DN].
-        reach: half side of the support.
-        start: image row of the first row of `out`.
-        out: (rows, w, search) uint16, filled with the cost, COST_SCALE per bit.
-    """
-    h = bits.shape[0]
-    rows, w, search = out.shape
-    side = 2 * reach + 1
-    scale = _u32((COST_SCALE << 16) // (side * side))
-    ring = np.zeros((side, w, search), np.uint8)
-    column = np.zeros((w, search), np.uint16)
-    run = np.zeros(search, np.uint16)
-    for y in range(start - reach, start + rows + reach):
-        row = ring[(y - start + reach) % side]
-        for x in range(w):
-            for d in range(search):
-                column[x, d] = _u16(column[x, d] - row[x, d])
-        source = min(max(y, 0), h - 1)
-        _cost_row(bits[source], bits_r[source], dn[source], dn_r[source], pad, weight, cap, row)
-        for x in range(w):
-            for d in range(search):
-                column[x, d] = _u16(column[x, d] + row[x, d])
-        if y - reach < start:
-            continue
-        run[:] = 0
-        for k in range(-reach, reach + 1):
-            edge = column[min(max(k, 0), w - 1)]
-            for d in range(search):
-                run[d] = _u16(run[d] + edge[d])
-        for x in range(w):
-            target, ahead = out[y - reach - start, x], column[min(x + reach + 1, w - 1)]
-            behind = column[max(x - reach, 0)]
-            for d in range(search):
-                target[d] = _u16(_u32(_u32(run[d]) * scale) >> _u32(16))
-                run[d] = _u16(_u16(run[d] + ahead[d]) - behind[d])
 
 
 def mirrored(rows: NDArray, *, pad: int) -> NDArray:

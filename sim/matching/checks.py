@@ -35,17 +35,17 @@ def left_right(left: NDArray, right: NDArray, *, apart_px: float) -> NDArray[np.
     """Pixels whose match in the right view has another disparity.
 
     Args:
-        left, right: (h, w) whole disparities [px] of each view; right is negative where none.
+        left, right: (h, w) disparities [px] of each view; right is negative where none.
         apart_px: largest difference let through [px].
 
     Returns:
         (h, w) mask; pixels that point outside the image are left to `outside_overlap`.
     """
     columns = np.arange(left.shape[1], dtype=np.int32)
-    target = columns - left.astype(np.int32)
+    target = columns - np.rint(left).astype(np.int32)
     inside = (target >= 0) & (target < left.shape[1])
     there = np.take_along_axis(right, np.clip(target, 0, left.shape[1] - 1), axis=1)
-    return inside & ((there < 0) | (np.abs(there.astype(np.int32) - left) > apart_px))
+    return inside & ((there < 0) | (np.abs(there - left) > apart_px))
 
 
 def texture(image: NDArray, *, least_dn: float) -> NDArray[np.bool_]:

@@ -28,6 +28,7 @@ class Winners(NamedTuple):
     offset: NDArray[np.float32]  # Sub-pixel part from the support's cost, in [-1, 1] px.
     bend: NDArray[np.float32]  # Curvature of that cost at the winner: how sharp the fit is.
     right_best: NDArray[np.int16]  # The same for the right view, -1 where nothing maps.
+    right_offset: NDArray[np.float32]  # And its sub-pixel part, along the same diagonal.
     margin_pct: NDArray[np.float32]  # How much more the second best costs [percent of best].
 
 
@@ -103,7 +104,7 @@ def _parabola(below, at, above):  # pragma: no cover - compiled
 
 @nb.njit(nogil=True, cache=True)
 def _select(
-    total, cost, best_at, offset, bend, right, margin, shift
+    total, cost, best_at, offset, bend, right, right_offset, margin, shift
 ):  # pragma: no cover - compiled
     h, w, search = total.shape
     for y in range(h):
@@ -131,7 +132,12 @@ def _select(
                 offset[y, x], bend[y, x] = _parabola(fine[best - 1], fine[best], fine[best + 1])
         for x in range(w):
             key = best_right[w - 1 - x]
-            right[y, x] = -1 if key == _u32(0xFFFFFFFF) else np.int16(key & _u32(255))
+            best = -1 if key == _u32(0xFFFFFFFF) else np.int64(key & _u32(255))
+            right[y, x] = best
+            seen = x + shift + best  # Its column in the left image.
+            if 0 < best < search - 1 and seen < w - 1:
+                below, above = cost[y, seen - 1, best - 1], cost[y, seen + 1, best + 1]
+                right_offset[y, x], _ = _parabola(below, cost[y, seen, best], above)
 
 
 def select(
@@ -160,6 +166,7 @@ def select(
         offset=np.zeros((h, w), np.float32),
         bend=np.zeros((h, w), np.float32),
         right_best=np.full((h, w), -1, np.int16),
+        right_offset=np.zeros((h, w), np.float32),
         margin_pct=np.zeros((h, w), np.float32),
     )
     penalties = (_u16(p1), _u16(p2))
@@ -193,6 +200,7 @@ def select(
                 found.offset[part],
                 found.bend[part],
                 found.right_best[part],
+                found.right_offset[part],
                 found.margin_pct[part],
                 shift,
             )

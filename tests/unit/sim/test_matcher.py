@@ -49,6 +49,7 @@ def test_unknown_name_is_refused_with_the_known_ones():
         (lambda: CensusSemiGlobal(presmooth_px=-1), "presmooth_px must be in"),
         (lambda: CensusSemiGlobal(tolerance_dn=-1), "tolerance_dn must be in"),
         (lambda: CensusSemiGlobal(support_px=2), "support_px must be odd"),
+        (lambda: CensusSemiGlobal(arm_step_dn=-1), "arm_step_dn must be in"),
         (lambda: CensusSemiGlobal(large_penalty=1), "large_penalty must be >= small_penalty 12"),
         (
             lambda: CensusSemiGlobal(difference_weight=8, difference_cap_dn=255),
@@ -60,6 +61,7 @@ def test_unknown_name_is_refused_with_the_known_ones():
         (lambda: Refinement(quantum_px=2), "quantum_px must be in"),
         (lambda: Checks(uniqueness=101), "uniqueness must be in"),
         (lambda: Checks(left_right_px=-1), "left_right_px must be in"),
+        (lambda: Checks(left_right_mean_px=4), "left_right_mean_px must be odd"),
         (lambda: Checks(texture_dn=float("nan")), "texture_dn must be in"),
         (lambda: Checks(jump_px=-1), "jump_px must be in"),
         (lambda: Checks(speckle_count=-1), "speckle_count must be in"),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from patterns.errors import InputError
 from sim.matcher import D4XX, FAST, Block, CensusSemiGlobal, Checks, Matcher, SemiGlobalBlock
-from sim.matching import DisparityMap, census, checks, match, opencv, semiglobal, subpixel
+from sim.matching import DisparityMap, census, checks, match, opencv, semiglobal, subpixel, support
 from sim.matching import support_cost as cost_volume
 from sim.reason import Reason
 
@@ -155,6 +155,12 @@ def _twin(cost: np.ndarray, p1: int, p2: int) -> np.ndarray:
     return total
 
 
+def _vertex(below: int, at: int, above: int) -> float:
+    """Vertex of the parabola through three costs, from the middle."""
+    bend = below + above - 2 * at
+    return float(np.clip((below - above) / (2 * bend), -1, 1)) if bend > 0 else 0.0
+
+
 @given(seed=st.integers(0, 20), shift=st.integers(0, 3))
 @settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_selection_matches_the_slow_twin(monkeypatch, seed, shift):
@@ -172,7 +178,12 @@ def test_selection_matches_the_slow_twin(monkeypatch, seed, shift):
     for y in range(h):
         for x in range(w):
             here = [(total[y, x + shift + d, d], d) for d in range(search) if x + shift + d < w]
-            assert found.right_best[y, x] == (min(here)[1] if here else -1)
+            right = min(here)[1] if here else -1
+            assert found.right_best[y, x] == right
+            seen = x + shift + right
+            if 0 < right < search - 1 and seen < w - 1:
+                three = [int(cost[y, seen + k, right + k]) for k in (-1, 0, 1)]
+                assert found.right_offset[y, x] == pytest.approx(_vertex(*three), abs=1e-6)
             best = int(found.best[y, x])
             others = np.delete(
                 total[y, x], [k for k in (best - 1, best, best + 1) if 0 <= k < search]
@@ -180,15 +191,12 @@ def test_selection_matches_the_slow_twin(monkeypatch, seed, shift):
             margin = 100 * (others.min() / total[y, x, best] - 1)
             assert found.margin_pct[y, x] == pytest.approx(margin, abs=0.01)
             if 0 < best < search - 1:
-                below, at, above = cost[y, x, best - 1 : best + 2].astype(int)
-                bend = below + above - 2 * at
-                vertex = np.clip((below - above) / (2 * bend), -1, 1) if bend > 0 else 0
-                assert found.offset[y, x] == pytest.approx(vertex, abs=1e-6)
+                three = cost[y, x, best - 1 : best + 2].astype(int)
+                assert found.offset[y, x] == pytest.approx(_vertex(*three), abs=1e-6)
 
 
 def _slow_cost(left, right, engine: CensusSemiGlobal, shift: int, search: int) -> np.ndarray:
     """Cost volume with plain numpy: one disparity after the other."""
-    reach, side = engine.support_px // 2, engine.support_px
     level = [census.levels(image, presmooth_px=engine.presmooth_px) for image in (left, right)]
     tolerance = round(engine.tolerance_dn * census.SUBLEVELS)
     half = engine.census_px // 2
@@ -208,22 +216,53 @@ def _slow_cost(left, right, engine: CensusSemiGlobal, shift: int, search: int) -
         source = np.clip(np.arange(w) - shift - d, 0, None)
         hamming = (bits[0] != bits[1][:, source]).sum(-1)
         difference = np.minimum(np.abs(dn[0] - dn[1][:, source]), cap)
-        cell = np.pad(hamming + (difference * weight >> 4), reach, mode="edge")
-        summed = sum(cell[y : y + h, x : x + w] for y in range(side) for x in range(side))
-        out[:, :, d] = summed * ((census.COST_SCALE << 16) // side**2) >> 16
-    return out
+        out[:, :, d] = hamming + (difference * weight >> 4)
+    step, reach = engine.arm_step_dn * census.SUBLEVELS, engine.support_px // 2
+    along = _slow_mean(out, level[0], 1, step, reach, support.ROW_SCALE)
+    return _slow_mean(along, level[0], 0, step, reach, support.COST_SCALE // support.ROW_SCALE)
 
 
-@pytest.mark.parametrize("shift", [0, 5])
-def test_cost_matches_the_slow_twin(shift):
+def _slow_mean(cost, level, axis: int, step: float, reach: int, scale: int) -> np.ndarray:
+    """Mean along the arms of one axis, pixel by pixel."""
+    cost, line = np.moveaxis(cost, axis, 0), np.moveaxis(level.astype(int), axis, 0)
+    out = np.empty_like(cost)
+    for i, j in np.ndindex(line.shape):
+        unlike = np.abs(line[:, j] - line[i, j]) > step
+        ends = np.flatnonzero(unlike)
+        first = max([i - reach, 0, *(ends[ends < i] + 1)])
+        last = min([i + reach + 1, len(line), *ends[ends > i]])
+        out[i, j] = cost[first:last, j].sum(0) * ((scale << 16) // (last - first)) >> 16
+    return np.moveaxis(out, 0, axis)
+
+
+@pytest.mark.parametrize(("shift", "step"), [(0, 6.0), (5, 6.0), (0, 0.0), (0, 255.0)])
+def test_cost_matches_the_slow_twin(shift, step):
     left, right = shifted_pair(9, shape=(24, 60))
-    engine = CensusSemiGlobal(support_px=5)
+    engine = CensusSemiGlobal(support_px=7, arm_step_dn=step)
     setting = Matcher(engine=engine, search_px=16, min_disparity_px=shift)
     slow = _slow_cost(left, right, engine, shift, 16)
     fast = np.empty((13, 60, 16), np.uint16)
     for start in (0, 11):
         cost_volume(left, right, setting, engine)(start, fast)
         np.testing.assert_array_equal(fast, slow[start : start + 13])
+
+
+def test_arms_end_at_a_step_of_brightness_and_at_the_border():
+    level = np.full((9, 20), 100, np.uint16)
+    level[:, 8:] = 200
+    west, east, north, south = support.arms(level, step=99, reach=4)[:, 4]
+    assert east[:8].tolist() == [4, 4, 4, 4, 3, 2, 1, 0]
+    assert west[:4].tolist() == [0, 1, 2, 3]
+    assert west[8:14].tolist() == [0, 1, 2, 3, 4, 4]
+    assert (north == 4).all() and (south == 4).all()
+    assert (support.arms(level, step=100, reach=4)[1, :, 4:15] == 4).all()
+
+
+def test_left_right_check_sees_parts_of_a_pixel():
+    left = np.full((2, 12), 4.4, np.float32)
+    right = np.full((2, 12), 5.0, np.float32)
+    assert not checks.left_right(left, right, apart_px=0.75).any()
+    assert checks.left_right(left, right, apart_px=0.5)[:, 4:].all()
 
 
 def test_opencv_fixed_point_is_sixteenths():
