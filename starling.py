@@ -132,6 +132,7 @@ def simulate(
             seed=seed,
             samples=samples,
             force=force,
+            asked={"sensor": sensor, "set": edits},
             tell=tell,
         )
     _say(result, common)
@@ -170,6 +171,7 @@ def match(
             sensor_edits.asked_for(sensor, captures, (*chosen, *edits)),
             out=out,
             force=force,
+            asked={"sensor": sensor, "setting": setting, "set": edits},
             tell=tell,
         )
     _say(result, common)
@@ -232,8 +234,11 @@ def bench(*, common: _Common = Common()) -> None:
     Example: starling bench --json
     """
     from sim import bench as benchmark
+    from sim import progress
 
-    _say(benchmark.bench(), common)
+    with progress.on_stderr() as tell:
+        result = benchmark.bench(tell=tell)
+    _say(result, common)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import sys
 from collections.abc import Iterable
 
 
@@ -20,6 +21,10 @@ def refuse(name: str, rule: str, value: object, remedy: str) -> InputError:
     return InputError(" ".join(text.split()))
 
 
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
 def in_interval(
     name: str, value: float, low: float, high: float, remedy: str = "Choose a value inside."
 ) -> None:
@@ -28,8 +33,8 @@ def in_interval(
     Raises:
         InputError: if the value is no real number, not finite, or outside.
     """
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not math.isfinite(value) or not low <= value <= high:
+    # Compared first: a whole number may be too large to ask whether it is finite.
+    if not _is_number(value) or not low <= value <= high or not math.isfinite(value):
         raise refuse(name, f"must be in [{low:g}, {high:g}]", repr(value), remedy)
 
 
@@ -39,8 +44,7 @@ def positive(name: str, value: float, remedy: str = "Give a number above zero.")
     Raises:
         InputError: if the value is no real number, not finite, or <= 0.
     """
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not math.isfinite(value) or value <= 0:
+    if not _is_number(value) or not 0 < value <= sys.float_info.max:
         raise refuse(name, "must be > 0", repr(value), remedy)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from sim import backend, frames, plugin_scene, projector, render, sensors, simulate
+from sim import backend, frames, plugin_scene, progress, projector, render, sensors, simulate
 from sim.matcher import named
 from sim.scenes import builtin
 from sim.sensor import Sensor
@@ -23,7 +23,9 @@ _SUBPIXELS = 2
 _SEARCH_PX = 128
 
 
-def bench(*, repeats: int = 5, samples: int = 16) -> dict[str, Any]:
+def bench(
+    *, repeats: int = 5, samples: int = 16, tell: progress.Progress = progress.silent
+) -> dict[str, Any]:
     """Time the whole pipeline on `clutter` at 1280x720 and its floor, turn by turn.
 
     The floor is two bare `mi.render` calls with as many primary and shadow rays as the pipeline
@@ -32,6 +34,7 @@ def bench(*, repeats: int = 5, samples: int = 16) -> dict[str, Any]:
     Args:
         repeats: rounds; medians are reported.
         samples: paths a coarse pixel for the rate with indirect light.
+        tell: wraps the loop over rounds, the first of which compiles and does not count.
 
     Returns:
         Medians [s], their ratios to the floor, stage times [ms] and peak memory [GiB].
@@ -52,15 +55,13 @@ def bench(*, repeats: int = 5, samples: int = 16) -> dict[str, Any]:
         "moved": _moving(sensor),
         "indirect": lambda: simulate.simulate(stage, sensor, samples=samples),
     }
-    for job in jobs.values():
-        job()  # Compiles.
     times = {name: [] for name in jobs}
-    for _ in range(repeats):
+    for _ in tell(range(repeats + 1), "bench"):
         for name, job in jobs.items():
             started = time.perf_counter()
             job()
             times[name].append(time.perf_counter() - started)
-    median = {name: float(np.median(values)) for name, values in times.items()}
+    median = {name: float(np.median(values[1:])) for name, values in times.items()}
     return {
         "pipeline_s": median["pipeline"],
         "pipeline_d4xx_s": median["pipeline_d4xx"],

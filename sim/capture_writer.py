@@ -46,6 +46,7 @@ def write_set(
     verb: str,
     arguments: Mapping[str, Any],
     figures: Mapping[str, Any],
+    renderer: Mapping[str, Any] | None = None,
 ) -> None:
     """Write what belongs to the set as a whole: device, sensor and how it was made.
 
@@ -56,6 +57,7 @@ def write_set(
         verb: the command that made the set.
         arguments: the command's arguments, the seed among them.
         figures: what the verb measured.
+        renderer: what rendered (see `sim.record.renderer`), where something was rendered.
     """
     folder.write(capture_info.FILE, capture_info.dumps(info))
     folder.write("sensor.toml", sensors.dumps(sensor))
@@ -66,6 +68,7 @@ def write_set(
                 "verb": verb,
                 "arguments": arguments,
                 "versions": record.versions(),
+                **({"renderer": renderer} if renderer else {}),
                 "figures": figures,
             }
         ),

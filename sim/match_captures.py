@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from patterns import errors
 from sim import capture, capture_writer, depth, metrics, progress
 from sim.capture import CapturedScene
-from sim.output import OutputFolder
+from sim.output import OutputFolder, refuse_own_input
 from sim.sensor import Sensor
 
 _Map = NDArray[np.float32]  # (h, w), NaN = none.
@@ -24,6 +25,7 @@ def match_captures(
     *,
     out: Path | None = None,
     force: bool = False,
+    asked: Mapping[str, Any] | None = None,
     tell: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Match the first frame of every scene and measure the outcome.
@@ -33,6 +35,7 @@ def match_captures(
         sensor: with the captures' geometry; its matcher and range are used.
         out: folder to make: our depth as a capture set. None writes nothing.
         force: replace a folder made before.
+        asked: more arguments for the record, as they were typed: sensor, edits.
         tell: wraps the loop over scenes.
 
     Returns:
@@ -43,14 +46,16 @@ def match_captures(
 
     Raises:
         InputError: captures that cannot be read or have no infrared pair, or a folder that
-            cannot be written.
+            cannot be written or is the captures' own.
     """
-    scenes = capture.open_set(captures).scenes
+    opened = capture.open_set(captures)
+    scenes = opened.scenes
     figures: dict[str, Any] = {}
     if out is None:
         for scene in tell(scenes, "match"):
             figures[scene.name] = _figures(scene, _match(scene, sensor))
         return {"scenes": figures, "median": _medians(figures)}
+    refuse_own_input(out, opened.path)
     with OutputFolder(out, force=force) as folder:
         for scene in tell(scenes, "match"):
             found = _match(scene, sensor)
@@ -62,7 +67,7 @@ def match_captures(
             dataclasses.replace(scenes[0].info, notes=f"depth by starling match {captures}"),
             sensor,
             verb="match",
-            arguments={"captures": captures},
+            arguments={"captures": captures, **(asked or {})},
             figures=result,
         )
     return {**result, "out": str(folder.path)}

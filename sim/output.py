@@ -30,9 +30,9 @@ class OutputFolder:
     """
 
     def __init__(self, path: Path | str, *, force: bool = False) -> None:
-        self.path = Path(os.path.abspath(path))
+        self.path = _resolved(path)
         self._force = force
-        self._partial = self.path.with_name(f".{self.path.name}.{uuid.uuid4().hex[:8]}.partial")
+        self._partial = _hidden_beside(self.path, "partial")
         self._made_parents: list[Path] = []
 
     def __enter__(self) -> OutputFolder:
@@ -43,11 +43,15 @@ class OutputFolder:
                 cannot be made.
         """
         _refuse_occupied(self.path, force=self._force)
-        with _refused(self.path):
-            parent = self.path.parent
-            self._made_parents = [p for p in (parent, *parent.parents) if not p.exists()]
-            parent.mkdir(parents=True, exist_ok=True)
-            self._partial.mkdir()
+        try:
+            with _refused(self.path):
+                self._made_parents = _missing_parents(self.path)
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                self.path.exists()  # A name that is too long shows only now that parents exist.
+                self._partial.mkdir()
+        except BaseException:
+            self._remove_traces()
+            raise
         return self
 
     def write(self, name: str, data: bytes | str) -> None:
@@ -80,13 +84,14 @@ class OutputFolder:
         try:
             if kind is None:
                 with _refused(self.path):
-                    _replace_folder(self._partial, self.path)
+                    _replace_folder(self._partial, self.path, force=self._force)
         finally:
             if self._partial.exists():
-                shutil.rmtree(self._partial, ignore_errors=True)
-                for parent in self._made_parents:
-                    with _ignored():
-                        parent.rmdir()
+                self._remove_traces()
+
+    def _remove_traces(self) -> None:
+        shutil.rmtree(self._partial, ignore_errors=True)
+        _remove_empty(self._made_parents)
 
 
 def write_file(path: Path | str, data: bytes, *, force: bool = False) -> None:
@@ -95,31 +100,88 @@ def write_file(path: Path | str, data: bytes, *, force: bool = False) -> None:
     Raises:
         InputError: if it exists and `force` is not given, or cannot be written.
     """
-    path = Path(os.path.abspath(path))
-    if path.is_dir():
-        raise errors.refuse("out", "must be a file", f"the folder {path}", "Add a file name.")
-    if path.exists() and not force:
-        raise errors.refuse("out", "must not exist", path, "Choose another name or give --force.")
-    partial = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.partial")
+    path = _resolved(path)
+    _refuse_taken(path, force=force)
+    partial = _hidden_beside(path, "partial")
     with _refused(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
+        made_parents = _missing_parents(path)
         try:
+            path.parent.mkdir(parents=True, exist_ok=True)
             partial.write_bytes(data)
+            _refuse_taken(path, force=force)  # Somebody may have come first.
             os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
+        except BaseException:
+            with _ignored():
+                partial.unlink()
+            _remove_empty(made_parents)
+            raise
+
+
+def refuse_own_input(out: Path | str, source: Path | str) -> None:
+    """Refuse a place whose replacing would destroy what it is made from.
+
+    Args:
+        out: where a verb will write.
+        source: the captures, or the scene file, that the verb reads.
+
+    Raises:
+        InputError: if `out` is, contains or lies in `source`, symbolic links resolved.
+    """
+    place, origin = _resolved(out), Path(os.path.realpath(source))
+    if place == origin or place in origin.parents or origin in place.parents:
+        raise errors.refuse(
+            "out",
+            "must lie apart from what it is made from",
+            f"{out} for {source}",
+            "Choose another place.",
+        )
+
+
+def _resolved(path: Path | str) -> Path:
+    """Follow symbolic links, so that what they point to is replaced and not they."""
+    path = Path(os.path.realpath(path))
+    if not path.name:
+        raise errors.refuse("out", "must have a name", path, "Choose a place inside it.")
+    return path
+
+
+def _hidden_beside(path: Path, suffix: str) -> Path:
+    """Name something for a while; part of the name is enough, and never too long."""
+    return path.with_name(f".{path.name[:32]}.{uuid.uuid4().hex[:8]}.{suffix}")
+
+
+def _missing_parents(path: Path) -> list[Path]:
+    """List the folders above that would have to be made, the lowest first."""
+    return [parent for parent in path.parents if not parent.exists()]
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    for folder in folders:
+        with _ignored():
+            folder.rmdir()
+
+
+def _refuse_taken(path: Path, *, force: bool) -> None:
+    with _refused(path):
+        is_folder, exists = path.is_dir(), path.exists()
+    if is_folder:
+        raise errors.refuse("out", "must be a file", f"the folder {path}", "Add a file name.")
+    if exists and not force:
+        raise errors.refuse("out", "must not exist", path, "Choose another name or give --force.")
 
 
 def _refuse_occupied(path: Path, *, force: bool) -> None:
-    if path.exists() and not path.is_dir():
-        raise errors.refuse("out", "must be a folder", f"the file {path}", "Choose another name.")
     with _refused(path):
+        is_file = path.exists() and not path.is_dir()
         occupied = path.is_dir() and any(path.iterdir())
+        replaceable = occupied and (path / RECORD).is_file()
+    if is_file:
+        raise errors.refuse("out", "must be a folder", f"the file {path}", "Choose another name.")
     if occupied and not force:
         raise errors.refuse(
             "out", "must be an empty or new folder", path, "Choose another or give --force."
         )
-    if occupied and not (path / RECORD).is_file():  # --force must never eat somebody's home.
+    if occupied and not replaceable:  # --force must never eat somebody's home.
         raise errors.refuse(
             "out",
             "must be a folder that starling wrote to be replaced",
@@ -128,15 +190,18 @@ def _refuse_occupied(path: Path, *, force: bool) -> None:
         )
 
 
-def _replace_folder(new: Path, path: Path) -> None:
+def _replace_folder(new: Path, path: Path, *, force: bool) -> None:
     """Rename `new` to `path`; what stood there goes only when the new one stands."""
-    old = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.old")
-    if path.exists():
-        os.rename(path, old)
+    _refuse_occupied(path, force=force)  # Somebody may have come first.
+    if not (force and path.exists()):
+        os.rename(new, path)  # Takes an empty folder's place, and fails on any other.
+        return
+    old = _hidden_beside(path, "old")
+    os.rename(path, old)
     try:
         os.rename(new, path)
-    except OSError:
-        if old.exists():
+    except BaseException:  # A termination in between must not lose what stood there either.
+        if not path.exists():
             os.rename(old, path)
         raise
     shutil.rmtree(old, ignore_errors=True)
@@ -159,7 +224,7 @@ def _refused(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _ignored() -> Iterator[None]:
-    """Go on when a parent cannot be removed: somebody else uses it by now."""
+    """Go on when something cannot be removed: it is not there, or somebody else uses it."""
     try:
         yield
     except OSError:

@@ -6,6 +6,7 @@ import dataclasses
 import importlib.metadata
 import json
 import math
+import os
 import platform
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,26 +14,40 @@ from typing import Any
 
 import numpy as np
 
-_PACKAGES = (
-    "starling-depth",
-    "mitsuba",
-    "drjit",
-    "numpy",
-    "scipy",
+_PACKAGES = ("starling-depth", "mitsuba", "drjit", "numpy", "scipy", "numba", "OpenEXR")
+_OPENCV = (  # One library, four distributions; the one that starling asks for comes first.
     "opencv-contrib-python-headless",
-    "OpenEXR",
+    "opencv-contrib-python",
+    "opencv-python-headless",
+    "opencv-python",
 )
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that results depend on."""
-    found = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:  # Run from a source tree, or not needed.
-            found[name] = "not installed"
-    return found
+    """Versions of Python and of the packages that results depend on; never fails."""
+    opencv = next((name for name in _OPENCV if _version(name)), _OPENCV[0])
+    # Missing: run from a source tree, or not needed.
+    found = {name: _version(name) or "not installed" for name in (*_PACKAGES, opencv)}
+    return {"python": platform.python_version(), **found}
+
+
+def renderer() -> dict[str, Any]:
+    """Tell what renders: Mitsuba's variant and the major version of LLVM, None where not used."""
+    from sim import backend  # Not above: it asks for versions itself.
+
+    variant = str(backend.mitsuba().variant())
+    if not variant.startswith("llvm"):
+        return {"variant": variant, "llvm": None}
+    used = os.path.realpath(backend.llvm_library() or "")
+    majors = {os.path.realpath(path): major for path, major in backend.llvm_libraries().items()}
+    return {"variant": variant, "llvm": majors.get(used)}  # None: one the machine does not list.
+
+
+def _version(name: str) -> str | None:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
 
 
 def dumps(value: Any) -> str:

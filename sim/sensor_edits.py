@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+import os
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from patterns import errors
-from sim import capture, matcher, sensors, structure
+from sim import capture, matcher, projector, sensors, structure
 from sim.sensor import Sensor
 
 _BARE_WORD = re.compile(r"[A-Za-z_][\w./-]*")
@@ -16,6 +19,8 @@ _BARE_WORD = re.compile(r"[A-Za-z_][\w./-]*")
 
 def asked_for(name: str, captures: str, edits: Iterable[str]) -> Sensor:
     """Load a sensor, give it the geometry of the captures it is used on, then apply edits.
+
+    A pattern's image file gets its full path, so that the sensor can be used from elsewhere.
 
     Args:
         name: preset or sensor file.
@@ -28,7 +33,7 @@ def asked_for(name: str, captures: str, edits: Iterable[str]) -> Sensor:
     sensor = sensors.load(name)
     if capture.is_capture(captures):
         sensor = capture.open_set(captures).info.geometry_into(sensor)
-    return apply(sensor, edits)
+    return _anchored(apply(sensor, edits))
 
 
 def apply(sensor: Sensor, edits: Iterable[str]) -> Sensor:
@@ -40,26 +45,55 @@ def apply(sensor: Sensor, edits: Iterable[str]) -> Sensor:
             `imager.X` edits both imagers; `matcher.setting` takes a stock setting by its name.
 
     Raises:
-        InputError: an edit that is no `PATH=VALUE`, an unknown path, or a refused value.
+        InputError: an edit that is no `PATH=VALUE`, an unknown path, a path to a whole table, or
+            a refused value.
 
     Example:
         >>> apply(sensors.load("d435"), ["projector.power_w=0.2"]).projector.power_w
         0.2
     """
     table = structure.to_table(sensor)
-    for edit in edits:
-        path, value = _parse(edit)
+    parsed = [_parse(edit) for edit in edits]
+    for path, value in parsed:
         if path == "matcher.setting":
-            table["matcher"] = structure.to_table(matcher.named(value))
-        elif path.startswith("imager."):
+            table["matcher"] = structure.to_table(_stock_matcher(value))
+        elif path.partition(".")[0] == "imager":
             for side in ("left", "right"):
-                _set(table, side + path.removeprefix("imager"), value)
+                _set(table, side + path.removeprefix("imager"), value, typed=path)
         else:
-            _set(table, path, value)
-    return structure.from_table(Sensor, table)
+            _set(table, path, value, typed=path)
+    try:
+        return structure.from_table(Sensor, table)
+    except errors.InputError as error:
+        message = _as_typed(str(error), [path for path, _ in parsed])
+        raise errors.InputError(message) from error
 
 
-def _set(table: dict[str, Any], path: str, value: Any) -> None:
+def _anchored(sensor: Sensor) -> Sensor:
+    name = sensor.projector.pattern
+    if name in projector.GENERATORS or not Path(name).suffix:
+        return sensor
+    light = dataclasses.replace(sensor.projector, pattern=os.path.abspath(name))
+    return dataclasses.replace(sensor, projector=light)
+
+
+def _stock_matcher(name: Any) -> matcher.Matcher:
+    try:
+        return matcher.named(name)
+    except errors.InputError as error:
+        _, must, rest = str(error).partition(" must ")
+        raise errors.InputError(f"matcher.setting{must}{rest}") from error
+
+
+def _as_typed(message: str, paths: Iterable[str]) -> str:
+    """Say `imager` where `left` was not typed: an edit of both fails at the left one first."""
+    heads = {path.partition(".")[0] for path in paths}
+    if "imager" not in heads or "left" in heads:
+        return message
+    return re.sub(r"^(key in )?left\b", r"\1imager", message)
+
+
+def _set(table: dict[str, Any], path: str, value: Any, *, typed: str) -> None:
     """Set one key; unknown keys are refused with the whole table."""
     *folders, last = path.split(".")
     for depth, name in enumerate(folders, 1):
@@ -69,12 +103,22 @@ def _set(table: dict[str, Any], path: str, value: Any) -> None:
             raise errors.refuse(
                 ".".join(folders[:depth]), "has no fields", f".{rest}", "Drop the last part."
             )
+    old = table.get(last)
+    if isinstance(old, Mapping):  # It would bring back the defaults of all that it leaves out.
+        raise errors.refuse(
+            typed,
+            "must be set field by field",
+            repr(value),
+            f"Its fields: {', '.join(f'{typed}.{field}' for field in old)}.",
+        )
+    if folders and last == "kind" and value != old:
+        table.clear()  # Another kind has other fields; they start from their defaults.
     table[last] = value
 
 
 def _parse(edit: str) -> tuple[str, Any]:
     path, equals, text = (part.strip() for part in edit.partition("="))
-    if not (path and equals and text):
+    if not (equals and text and all(part.strip() for part in path.split("."))):
         raise errors.refuse(
             "--set", "must be PATH=VALUE", repr(edit), "Example: --set projector.power_w=0.2."
         )
@@ -86,4 +130,5 @@ def _parse(edit: str) -> tuple[str, Any]:
         table = {}
     if list(table) != ["value"]:
         raise errors.refuse(f"--set {path}", "must be a TOML value", repr(text), "Quote text.")
+    structure.refuse_long_integers(table["value"], path)
     return path, table["value"]

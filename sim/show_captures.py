@@ -9,6 +9,11 @@ from patterns import errors
 from sim import capture, output, progress, record, show
 from sim.compare import pair_scenes
 
+_OTHER_PICTURES = (
+    *(".jpg", ".jpeg", ".jpe", ".jp2", ".gif", ".bmp", ".tif", ".tiff", ".webp", ".avif"),
+    *(".heic", ".svg", ".pdf", ".eps", ".ps", ".exr", ".hdr", ".pgm", ".ppm", ".pnm"),
+)
+
 
 def show_captures(
     captures: str,
@@ -34,13 +39,20 @@ def show_captures(
 
     Raises:
         InputError: captures that cannot be read, sets without a common scene, or a place that
-            cannot be written.
+            cannot be written, lies in the captures or is no PNG.
     """
+    if out.suffix.lower() in _OTHER_PICTURES:  # Would become a folder of that name.
+        raise errors.refuse(
+            "out", "must be NAME.png or a folder", out, "Pictures are written as PNG."
+        )
     first = capture.open_set(captures)
+    output.refuse_own_input(out, first.path)
     if against is None:
         pairs = [(scene, None) for scene in first.scenes]
     else:
-        pairs = list(pair_scenes(first, capture.open_set(against)))
+        second = capture.open_set(against)
+        output.refuse_own_input(out, second.path)
+        pairs = list(pair_scenes(first, second))
     if out.suffix.lower() == ".png":
         if len(pairs) > 1:
             raise errors.refuse(

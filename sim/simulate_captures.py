@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import time
+import zlib
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from patterns import errors
-from sim import capture, capture_writer, progress
-from sim.output import OutputFolder
+from sim import capture, capture_writer, progress, record
+from sim.output import OutputFolder, refuse_own_input
 from sim.sensor import Sensor
+
+if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
+    from sim.layers import Layers
+    from sim.simulate import Shot
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -33,6 +42,7 @@ def simulate_captures(
     seed: int = 0,
     samples: int = 0,
     force: bool = False,
+    asked: Mapping[str, Any] | None = None,
     tell: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Simulate one scene or every scene of a capture set and write a capture set.
@@ -45,10 +55,11 @@ def simulate_captures(
         sensor: what sees it.
         out: folder to make.
         frames: readings of each scene, with noise of their own.
-        seed: of the whole set.
+        seed: of the whole set; each scene's own follows from it (see `scene_seed`).
         samples: paths a pixel of indirect light; 0 leaves it out.
         force: replace a set made before.
-        tell: wraps the loop over scenes.
+        asked: more arguments for the record, as they were typed: sensor, edits.
+        tell: wraps the loop over frames.
 
     Returns:
         `{"out", "files", "seconds", "scenes": {NAME: {"ndp_rate", "mean_dn", ...}}}`.
@@ -56,27 +67,26 @@ def simulate_captures(
     Raises:
         InputError: whatever is wrong with the scene, the sensor or the folder; nothing is left.
     """
-    from sim import scenes
-
     errors.in_interval("frames", frames, 1, 100_000, "Take at least one.")
+    errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
     started = time.perf_counter()
     tasks, licence, notes = _tasks(scene)
+    _refuse_own_input(out, scene)
     info = capture_writer.info_of(
         sensor, source=f"starling simulate {scene}", licence=licence, notes=notes
     )
-    figures: dict[str, Any] = {}
     with OutputFolder(out, force=force) as folder:
-        for task in tell(tasks, "simulate"):
-            figures[task.name] = _write_scene(
-                folder, task, scenes.load(task.text, sensor), sensor, frames, seed, samples
-            )
+        shots = _shots(tasks, sensor, frames, seed, samples, tell)
+        figures = _write_scenes(folder, shots, sensor, seed, samples)
+        arguments = {"scene": scene, "frames": frames, "seed": seed, "samples": samples}
         capture_writer.write_set(
             folder,
             info,
             sensor,
             verb="simulate",
-            arguments={"scene": scene, "frames": frames, "seed": seed, "samples": samples},
+            arguments={**arguments, **(asked or {})},
             figures=figures,
+            renderer=record.renderer(),
         )
     return {
         "out": str(folder.path),
@@ -84,6 +94,22 @@ def simulate_captures(
         "seconds": round(time.perf_counter() - started, 3),
         "scenes": figures,
     }
+
+
+def scene_seed(seed: int, name: str) -> int:
+    """Seed of one scene of a set: equal noise in two scenes would be no noise to average.
+
+    It is below 2^53, so that every reader of JSON reads it right.
+    """
+    words = np.random.SeedSequence([seed, zlib.crc32(name.encode())])
+    return int(words.generate_state(1, np.uint64)[0] >> np.uint64(11))
+
+
+def _refuse_own_input(out: Path, scene: str) -> None:
+    if capture.is_capture(scene):
+        refuse_own_input(out, capture.open_set(scene).path)
+    elif os.path.isfile(scene):
+        refuse_own_input(out, scene)
 
 
 def _tasks(scene: str) -> tuple[list[_Task], str, str]:
@@ -98,54 +124,84 @@ def _tasks(scene: str) -> tuple[list[_Task], str, str]:
     return [_Task(text=scene, name=name, room=name)], "as the scene's", "simulated"
 
 
-def _write_scene(
+def _write_scenes(
     folder: OutputFolder,
-    task: _Task,
-    scene: Any,
+    shots: Iterator[tuple[_Task, int, Shot]],
+    sensor: Sensor,
+    seed: int,
+    samples: int,
+) -> dict[str, Any]:
+    """Write every shot as it comes, a scene's truth with its first; return the scenes' figures."""
+    rates: dict[str, list[float]] = defaultdict(list)
+    levels: dict[str, list[float]] = defaultdict(list)
+    figures: dict[str, Any] = {}
+    for task, number, shot in shots:
+        if number == 0:
+            capture_writer.write_scene(
+                folder,
+                task.name,
+                room=task.room,
+                truth_m=shot.layers.truth.depth_m,
+                depth_unit_m=sensor.post.depth_unit_m,
+            )
+        facts = {"seed": scene_seed(seed, task.name), "frame": number, "samples": samples}
+        _write_shot(folder, task.name, number, shot, sensor, facts)
+        rates[task.name].append(1 - shot.depth.valid.mean())
+        levels[task.name].append(shot.ir_left.mean())
+        figures[task.name] = {
+            "ndp_rate": float(np.mean(rates[task.name])),
+            "mean_dn": float(np.mean(levels[task.name])),
+            "exposure_s": shot.exposure_s,
+            "reasons": capture_writer.reason_counts(shot.depth),
+        }
+    return figures
+
+
+def _shots(
+    tasks: list[_Task],
     sensor: Sensor,
     frames: int,
     seed: int,
     samples: int,
-) -> dict[str, Any]:
-    """Render a scene once, read it out `frames` times, write all; return the scene's figures."""
+    tell: progress.Progress,
+) -> Iterator[tuple[_Task, int, Shot]]:
+    """Give every frame of every scene; a scene is rendered once and read out `frames` times."""
+    from sim import scenes
     from sim.simulate import expose, simulate
 
-    unit = sensor.post.depth_unit_m
-    shot = simulate(scene, sensor, seed=seed, frame=0, samples=samples)
-    capture_writer.write_scene(
+    layers: Layers | None = None
+    for task, number in tell(list(product(tasks, range(frames))), "simulate"):
+        own_seed = scene_seed(seed, task.name)
+        if number == 0 or layers is None:
+            scene = scenes.load(task.text, sensor)
+            shot = simulate(scene, sensor, seed=own_seed, frame=0, samples=samples)
+        else:
+            shot = expose(layers, sensor, seed=own_seed, frame=number)
+        layers = shot.layers
+        yield task, number, shot
+
+
+def _write_shot(
+    folder: OutputFolder,
+    scene: str,
+    number: int,
+    shot: Shot,
+    sensor: Sensor,
+    facts: Mapping[str, Any],
+) -> None:
+    capture_writer.write_frame(
         folder,
-        task.name,
-        room=task.room,
-        truth_m=shot.layers.truth.depth_m,
-        depth_unit_m=unit,
+        scene,
+        number,
+        depth=shot.depth,
+        depth_unit_m=sensor.post.depth_unit_m,
+        infrared=(shot.ir_left, shot.ir_right),
+        layers=shot.layers,
+        facts={
+            "exposure_s": shot.exposure_s,
+            "gain": shot.gain,
+            "laser_power": sensor.projector.power_w,
+            "counts": "repeats",
+            **facts,
+        },
     )
-    rates, levels = [], []
-    for number in range(frames):
-        if number > 0:
-            shot = expose(shot.layers, sensor, seed=seed, frame=number)
-        capture_writer.write_frame(
-            folder,
-            task.name,
-            number,
-            depth=shot.depth,
-            depth_unit_m=unit,
-            infrared=(shot.ir_left, shot.ir_right),
-            layers=shot.layers,
-            facts={
-                "exposure_s": shot.exposure_s,
-                "gain": shot.gain,
-                "laser_power": sensor.projector.power_w,
-                "counts": "repeats",
-                "seed": seed,
-                "frame": number,
-                "samples": samples,
-            },
-        )
-        rates.append(1 - shot.depth.valid.mean())
-        levels.append(shot.ir_left.mean())
-    return {
-        "ndp_rate": float(np.mean(rates)),
-        "mean_dn": float(np.mean(levels)),
-        "exposure_s": shot.exposure_s,
-        "reasons": capture_writer.reason_counts(shot.depth),
-    }

@@ -8,13 +8,15 @@ from __future__ import annotations
 import dataclasses
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any, TypeVar
 
 from patterns import errors
 
 T = TypeVar("T")
+
+_INTEGER_BITS = 64  # TOML's; longer ones overflow floats and, longer still, cannot be shown.
 
 
 def to_table(tree: Any) -> dict[str, Any]:
@@ -115,7 +117,36 @@ def _is_union(hint: Any) -> bool:
     return typing.get_origin(hint) in (typing.Union, types.UnionType)
 
 
+def refuse_long_integers(value: Any, name: str) -> None:
+    """Refuse integers over 64 bits, also inside lists and tables.
+
+    Raises:
+        InputError: naming where it stands; the message does not repeat the digits.
+    """
+    for place, number in _integers(value, name):
+        bits = number.bit_length()
+        if bits >= _INTEGER_BITS:
+            raise errors.refuse(
+                place,
+                f"must fit in {_INTEGER_BITS} bits",
+                f"a whole number of {bits + 1} bits",
+                "Give a smaller one.",
+            )
+
+
+def _integers(value: Any, name: str) -> Iterator[tuple[str, int]]:
+    if isinstance(value, int):
+        yield name, value
+    elif isinstance(value, (list, tuple)):
+        for item in value:
+            yield from _integers(item, name)
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _integers(item, _join(name, str(key)))
+
+
 def _value(hint: Any, value: Any, name: str) -> Any:
+    refuse_long_integers(value, name)
     classes = _classes(hint)
     if classes:
         return _tree(classes, value, name)

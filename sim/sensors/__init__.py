@@ -69,6 +69,7 @@ def from_table(table: dict[str, Any]) -> Sensor:
     `matcher.setting` names a stock setting (see `sim.matcher.named`) that the rest of the table
     edits by dotted path.
     """
+    structure.refuse_long_integers(table, "sensor")
     table = dict(table)
     if "left" in table and "right" not in table:
         table["right"] = table["left"]

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 import starling
-from sim import backend, depth, sensors
+from sim import backend, depth, progress, sensors, simulate, simulate_captures
 from sim.depth import DepthMap
 from sim.layers import Layers, Truth, View
 
@@ -67,17 +67,22 @@ def _shot(shape: tuple[int, int]) -> Any:
 @pytest.fixture
 def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Put simple stand-ins where rendering and matching would take seconds."""
-    from sim import scenes, simulate
+    from sim import randomness, scenes, simulate
 
-    def simulated(scene: Any, sensor: Any, **_: Any) -> Any:
-        return _shot((sensor.height, sensor.width))
+    def simulated(scene: Any, sensor: Any, *, seed: int, frame: int, **_: Any) -> Any:
+        shot = _shot((sensor.height, sensor.width))
+        noise = randomness.generator(seed, frame, "imager", "noise left").integers(0, 9, (48, 64))
+        shot.ir_left[:48, :64] += noise.astype(np.uint8)
+        return shot
 
     def measured(left: np.ndarray, right: np.ndarray, sensor: Any, *, causes: Any) -> DepthMap:
         return _shot(left.shape).depth
 
     monkeypatch.setattr(scenes, "load", lambda text, sensor: text)
     monkeypatch.setattr(simulate, "simulate", simulated)
-    monkeypatch.setattr(simulate, "expose", lambda layers, sensor, **_: simulated(None, sensor))
+    monkeypatch.setattr(simulate, "expose", simulated)
+    mitsuba = types.SimpleNamespace(variant=lambda: "scalar_rgb")
+    monkeypatch.setattr(backend, "mitsuba", lambda: mitsuba)
     monkeypatch.setattr(depth, "measure", measured)
 
 
@@ -122,12 +127,15 @@ def test_doctor_and_bench_print_what_they_are_told(
     capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stand_in = types.ModuleType("sim.bench")
-    stand_in.bench = lambda: {"ratio": 1.5}  # type: ignore[attr-defined]
+    stand_in.bench = lambda *, tell: {"ratio": 1.5, "n": len([*tell([1, 2], "bench")])}  # type: ignore[attr-defined]
+    monkeypatch.setattr(progress, "_QUIET_S", -1.0)
     monkeypatch.setitem(sys.modules, "sim.bench", stand_in)
     monkeypatch.setattr("sim.bench", stand_in, raising=False)
     monkeypatch.setattr(backend, "report", lambda: {"variant": "x"})
     assert json.loads(_run("doctor", "--json", capsys=capsys)[1]) == {"variant": "x"}
-    assert _run("bench", capsys=capsys)[1] == "ratio  1.5\n"
+    code, out, err = _run("bench", "--json", capsys=capsys)
+    assert (code, json.loads(out)) == (0, {"ratio": 1.5, "n": 2})
+    assert err == "bench 1/2\nbench 2/2\n"
 
 
 @pytest.mark.usefixtures("no_renderer")
@@ -143,12 +151,17 @@ def test_simulate_writes_a_whole_set(capsys: Capsys, tmp_path: Path, small_set: 
     assert result["files"] == 3 + 2 * (2 + 2 * 5)
     record = json.loads((out / "starling.json").read_text())
     assert record["verb"] == "simulate" and record["arguments"]["seed"] == 7
+    assert record["arguments"]["sensor"] == "d435"
+    assert record["arguments"]["set"] == ["projector.power_w=0.2", "imager.gain=2"]
+    assert record["renderer"] == {"variant": "scalar_rgb", "llvm": None}
+    assert "numba" in record["versions"]
     assert record["versions"]["numpy"] == np.__version__ and set(record["figures"]) == {"a", "b"}
     sensor = sensors.load(str(out / "sensor.toml"))
     assert (sensor.width, sensor.fx_px, sensor.baseline_m) == (160, 90.0, 0.05)
     assert (sensor.projector.power_w, sensor.right.gain) == (0.2, 2.0)
     frame = json.loads((out / "a" / "1" / "frame.json").read_text())
-    assert (frame["frame"], frame["seed"], frame["laser_power"]) == (1, 7, 0.2)
+    assert (frame["frame"], frame["laser_power"]) == (1, 0.2)
+    assert frame["seed"] == simulate_captures.scene_seed(7, "a")
     assert frame["reasons"] == {"valid": 48 * 160}
     assert (out / "a" / "room").read_text() == "kitchen\n"
     code, said, _ = _run("compare", small_set, out, "--json", capsys=capsys)
@@ -172,6 +185,66 @@ def test_simulate_a_builtin_scene(capsys: Capsys, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_renderer")
+def test_two_scenes_of_one_set_have_noise_of_their_own(
+    capsys: Capsys, tmp_path: Path, small_set: Path
+) -> None:
+    def noise(out: Path, scene: str, frame: int) -> np.ndarray:
+        image = cv2.imread(str(out / scene / str(frame) / "ir_left.png"), cv2.IMREAD_UNCHANGED)
+        assert image is not None
+        return image[:48, :64].ravel().astype(float)
+
+    whole, single = tmp_path / "whole", tmp_path / "single"
+    seeded = ("--sensor", "d415", "--seed", 7, "--frames", 2)
+    assert _run("simulate", small_set, *seeded, "--out", whole, capsys=capsys)[0] == 0
+    assert _run("simulate", small_set / "b", *seeded, "--out", single, capsys=capsys)[0] == 0
+    for other in (noise(whole, "b", 0), noise(whole, "b", 1), noise(whole, "a", 1)):
+        assert abs(np.corrcoef(noise(whole, "a", 0), other)[0, 1]) < 0.1
+    assert np.array_equal(noise(whole, "b", 1), noise(single, "b", 1))
+    record = json.loads((whole / "starling.json").read_text())
+    own = json.loads((whole / "b" / "0" / "frame.json").read_text())["seed"]
+    assert record["arguments"]["seed"] == 7 and 0 <= own < 2**53
+    again = simulate.simulate(None, sensors.load(str(whole / "sensor.toml")), seed=own, frame=0)
+    assert np.array_equal(again.ir_left[:48, :64].ravel(), noise(whole, "b", 0))
+
+
+@pytest.mark.usefixtures("no_renderer")
+def test_progress_counts_frames(
+    capsys: Capsys, tmp_path: Path, small_set: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(progress, "_QUIET_S", -1.0)
+    _, _, err = _run(
+        "simulate", small_set, "--sensor", "d415", "--out", tmp_path / "out", "--frames", 2,
+        capsys=capsys,
+    )  # fmt: skip
+    assert err.splitlines() == [f"simulate {number}/4" for number in range(1, 5)]
+
+
+@pytest.mark.usefixtures("no_renderer")
+@pytest.mark.parametrize("verb", ["match", "simulate", "show"])
+def test_nothing_is_written_over_its_own_input(
+    verb: str, capsys: Capsys, small_set: Path, tmp_path: Path
+) -> None:
+    (small_set / "starling.json").write_text("{}")  # As if starling had written it.
+    (tmp_path / "link").symlink_to(small_set.name)
+    before = sorted(small_set.rglob("*"))
+    sensor = () if verb == "show" else ("--sensor", "d415")
+    for out in (small_set, small_set / "a", small_set.parent, small_set / "new", tmp_path / "link"):
+        message = _refused(verb, small_set / "a", "--out", out, "--force", *sensor, capsys=capsys)
+        assert "out must lie apart from what it is made from; got " in message
+    assert sorted(small_set.rglob("*")) == before
+
+
+def test_simulate_spares_a_scene_file(capsys: Capsys, tmp_path: Path) -> None:
+    mesh = tmp_path / "x.ply"
+    mesh.write_text("ply")
+    (tmp_path / "starling.json").write_text("{}")
+    message = _refused(
+        "simulate", mesh, "--sensor", "d415", "--out", tmp_path, "--force", capsys=capsys
+    )
+    assert "out must lie apart from" in message and mesh.exists()
+
+
+@pytest.mark.usefixtures("no_renderer")
 def test_match_prints_and_writes(capsys: Capsys, tmp_path: Path, small_set: Path) -> None:
     (small_set / "b" / "truth.png").unlink()
     out = tmp_path / "out"
@@ -190,6 +263,8 @@ def test_match_prints_and_writes(capsys: Capsys, tmp_path: Path, small_set: Path
     assert result["scenes"]["b"]["agreement"]["fill"] == 1
     assert (out / "a" / "0" / "depth.png").is_file()
     assert not (out / "a" / "0" / "ir_left.png").exists()
+    asked = json.loads((out / "starling.json").read_text())["arguments"]
+    assert asked == {"captures": str(small_set), "sensor": "d415", "setting": "fast", "set": []}
     message = _refused("match", out, "--sensor", "d415", capsys=capsys)
     assert "must hold ir_left.png and ir_right.png" in message
     message = _refused("match", small_set, "--sensor", "d415", "--setting", "fats", capsys=capsys)
@@ -217,6 +292,15 @@ def test_show_writes_a_picture(capsys: Capsys, tmp_path: Path, small_set: Path) 
     assert "There are: 0" in _refused(
         "show", small_set / "a", "--out", out, "--frame", 9, "--force", capsys=capsys
     )
+
+
+@pytest.mark.parametrize("name", ["pic.jpg", "pic.PDF", "pic.webp"])
+def test_show_refuses_other_pictures(
+    name: str, capsys: Capsys, tmp_path: Path, small_set: Path
+) -> None:
+    message = _refused("show", small_set / "a", "--out", tmp_path / name, capsys=capsys)
+    assert "out must be NAME.png or a folder; got " in message
+    assert not (tmp_path / name).exists()
 
 
 @pytest.mark.usefixtures("no_renderer")

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import starling
@@ -46,6 +46,7 @@ _VALUES = st.one_of(
         ]
     ),
     st.integers().map(str),
+    st.integers(60, 1400).map(lambda bits: str(2**bits)),  # Overflows 64 bits, then a float.
     st.floats().map(str),
     st.text(max_size=8).map(json.dumps),
 )
@@ -109,6 +110,9 @@ def test_sensor_files_with_any_bytes(
 
 
 @settings(max_examples=200)
+@example(table="projector.", key="power_w", value="1" + "0" * 400)
+@example(table="", key="width", value=hex(2**20_000))
+@example(table="matcher.", key="setting", value=hex(2**20_000))
 @given(
     table=st.sampled_from(["", "left.", "imager.", "projector.", "matcher.", "post.", "x."]),
     key=st.one_of(st.sampled_from(_KEYS), st.text(max_size=6)),

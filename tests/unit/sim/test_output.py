@@ -146,3 +146,108 @@ def test_parent_that_somebody_else_fills_stays(tmp_path: Path) -> None:
         folder.write("a", "x")
         raise RuntimeError
     assert _everything(tmp_path) == {"new", "new/theirs"}
+
+
+@pytest.mark.parametrize("force", [False, True])
+@pytest.mark.parametrize("held_before", [False, True])
+def test_what_appears_meanwhile_is_never_lost(
+    tmp_path: Path, force: bool, held_before: bool
+) -> None:
+    out = tmp_path / "out"
+    if held_before:
+        out.mkdir()
+    with (
+        pytest.raises(InputError, match=r"out must be an empty or new folder|that starling wrote"),
+        OutputFolder(out, force=force) as folder,
+    ):
+        folder.write(output.RECORD, "{}")
+        out.mkdir(exist_ok=True)
+        (out / "thesis.tex").write_text("years of work")
+    assert _everything(tmp_path) == {"out", "out/thesis.tex"}
+
+
+def test_without_force_the_system_itself_keeps_a_full_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Even one that is filled between the last look and the renaming."""
+    monkeypatch.setattr(output, "_refuse_occupied", lambda *_, **__: None)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.tex").write_text("years of work")
+    with pytest.raises(InputError, match="out must be writable"):
+        _write_one(tmp_path / "out")
+    assert _everything(tmp_path) == {"out", "out/thesis.tex"}
+
+
+def test_termination_between_the_renames_keeps_the_old(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _write_one(tmp_path / "out", text="old")
+    before = _everything(tmp_path)
+    rename = os.rename
+
+    def stop(source: Path, target: Path) -> None:
+        if str(source).endswith(".partial"):
+            raise SystemExit(143)
+        rename(source, target)
+
+    monkeypatch.setattr(os, "rename", stop)
+    with pytest.raises(SystemExit):
+        _write_one(tmp_path / "out", force=True)
+    assert _everything(tmp_path) == before
+
+
+def test_file_that_appears_meanwhile_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, write = tmp_path / "x.png", Path.write_bytes
+
+    def write_late(self: Path, data: bytes) -> int:
+        path.write_text("theirs")
+        return write(self, data)
+
+    monkeypatch.setattr(Path, "write_bytes", write_late)
+    with pytest.raises(InputError, match="out must not exist"):
+        output.write_file(path, b"mine")
+    assert path.read_text() == "theirs" and _everything(tmp_path) == {"x.png"}
+
+
+def test_symbolic_links_are_followed(tmp_path: Path) -> None:
+    _write_one(tmp_path / "real", text="old")
+    (tmp_path / "link").symlink_to("real")
+    _write_one(tmp_path / "link", force=True, text="new")
+    assert {path.name for path in tmp_path.iterdir()} == {"real", "link"}
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real" / "a/0/depth.png").read_text() == "new"
+
+
+def test_impossible_names_are_refused_before_any_work(tmp_path: Path) -> None:
+    long = tmp_path / "new" / ("x" * 300)
+    with pytest.raises(InputError, match=r"out must be writable; got .*too long"):
+        OutputFolder(long).__enter__()
+    with pytest.raises(InputError, match=r"out must be writable; got .*too long"):
+        output.write_file(long, b"x")
+    for root in ("/", "//", "/tmp/.."):
+        with pytest.raises(InputError, match="out must have a name; got /"):
+            OutputFolder(root)
+    assert not any(tmp_path.rglob("*"))
+    _write_one(tmp_path / ("x" * 250))
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_unreadable_parent_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(self: Path) -> bool:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(Path, "exists", fail)
+    with pytest.raises(InputError, match=r"out must be writable; got .*Permission denied"):
+        OutputFolder(tmp_path / "out").__enter__()
+    with pytest.raises(InputError, match=r"out must be writable; got .*Permission denied"):
+        output.write_file(tmp_path / "x.png", b"x")
+
+
+@pytest.mark.parametrize("out", ["set", "set/a", "set/a/0/x.png", ".", "link", "link/new"])
+def test_own_input_is_refused(tmp_path: Path, out: str) -> None:
+    source = tmp_path / "set"
+    (source / "a" / "0").mkdir(parents=True)
+    (tmp_path / "link").symlink_to("set")
+    with pytest.raises(InputError, match="out must lie apart from what it is made from; got "):
+        output.refuse_own_input(tmp_path / out, source)
+    output.refuse_own_input(tmp_path / "set2", source)

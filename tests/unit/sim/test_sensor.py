@@ -10,6 +10,7 @@ import pytest
 
 from patterns.errors import InputError
 from sim import sensor_edits, sensors
+from sim.matcher import Block
 from sim.sensor import Imager, Post, Projector, Sensor
 
 GEOMETRY = {
@@ -152,7 +153,7 @@ def test_only_the_outcome_of_edits_must_be_possible() -> None:
 def test_matcher_setting_is_edited_by_its_name() -> None:
     fast = sensor_edits.apply(_sensor(), ["matcher.setting=fast"])
     assert fast.matcher == sensors.from_table({**GEOMETRY, "matcher": {"setting": "fast"}}).matcher
-    with pytest.raises(InputError, match="matcher must be a known name"):
+    with pytest.raises(InputError, match=r"matcher.setting must be a known name"):
         sensor_edits.apply(_sensor(), ["matcher.setting=[1]"])
 
 
@@ -170,13 +171,38 @@ def test_matcher_setting_is_edited_by_its_name() -> None:
         ("projector.power_w=loud", r"projector.power_w must be of type float; got 'loud'"),
         ("projector.power_w=true", r"projector.power_w must be of type float; got True"),
         ("projector.position_m=[1,2]", r"projector.position_m must be a list of 3; got \[1, 2\]"),
-        ("imager.gian=3", "key in left must be a known name; got 'gian'. Known: gain"),
+        ("imager.gian=3", "key in imager must be a known name; got 'gian'. Known: gain"),
+        ("imager.gain=loud", "^imager.gain must be of type float; got 'loud'"),
+        ("imager.=3", "--set must be PATH=VALUE; got 'imager.=3'"),
+        ("left..gain=3", "--set must be PATH=VALUE; got 'left..gain=3'"),
+        ("left={}", "left must be set field by field; got {}. Its fields: left.exposure_s, "),
+        ("imager={}", "imager must be set field by field; got {}. Its fields: imager.exposure_s"),
+        ("imager=3", "imager must be set field by field; got 3"),
+        ("matcher.engine={kind='Block'}", "matcher.engine must be set field by field"),
+        ("matcher.setting=3", "^matcher.setting must be a known name; got 3. Known: "),
+        ("width=1" + "0" * 400, "width must fit in 64 bits; got a whole number of 1330 bits"),
     ],
 )
 def test_wrong_edits_are_refused(edit: str, message: str) -> None:
     with pytest.raises(InputError, match=message) as refusal:
         sensor_edits.apply(_sensor(), [edit])
     assert len(str(refusal.value)) < 6000 and "\n" not in str(refusal.value)
+
+
+def test_another_kind_starts_from_its_defaults() -> None:
+    edits = ["matcher.engine.kind=Block", "matcher.engine.block_px=21"]
+    assert sensor_edits.apply(_sensor(), edits).matcher.engine == Block(block_px=21)
+    same = ["matcher.engine.kind=CensusSemiGlobal"]
+    assert sensor_edits.apply(sensors.load("d435"), same) == sensors.load("d435")
+
+
+def test_a_pattern_file_is_found_from_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, kept in {"dots.png": str(tmp_path / "dots.png"), "d415": "d415"}.items():
+        sensor = sensor_edits.asked_for("d435", "wall", [f"projector.pattern={name}"])
+        assert sensor.projector.pattern == kept
 
 
 def test_a_sensor_cannot_be_changed_in_place() -> None:

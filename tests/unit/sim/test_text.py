@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from sim import progress, record, text
+from sim import backend, progress, record, text
 
 
 def test_rows_become_columns() -> None:
@@ -58,6 +59,41 @@ def test_versions_name_what_is_not_there(monkeypatch: pytest.MonkeyPatch) -> Non
     found = record.versions()
     assert found["numpy"] == np.__version__
     assert found["no-such-package"] == "not installed"
+
+
+@pytest.mark.parametrize(
+    ("installed", "told"),
+    [("opencv-python", "opencv-python"), ("", "opencv-contrib-python-headless")],
+)
+def test_versions_find_opencv_under_any_name(
+    monkeypatch: pytest.MonkeyPatch, installed: str, told: str
+) -> None:
+    def version(name: str) -> str:
+        if name.startswith("opencv") and name != installed:
+            raise record.importlib.metadata.PackageNotFoundError(name)
+        return "4.12"
+
+    monkeypatch.setattr(record.importlib.metadata, "version", version)
+    found = record.versions()
+    assert found[told] == ("4.12" if installed else "not installed")
+    assert found["numba"] == "4.12"
+    assert sum(name.startswith("opencv") for name in found) == 1
+
+
+def test_renderer_tells_the_version_of_llvm_and_no_path(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "libLLVM-19.so").write_bytes(b"")
+    (tmp_path / "libLLVM.so").symlink_to("libLLVM-19.so")
+    stand_in = SimpleNamespace(variant=lambda: "llvm_ad_mono")
+    monkeypatch.setattr(backend, "mitsuba", lambda: stand_in)
+    monkeypatch.setattr(backend, "llvm_library", lambda: str(tmp_path / "libLLVM.so"))
+    monkeypatch.setattr(backend, "llvm_libraries", lambda: {str(tmp_path / "libLLVM-19.so"): 19})
+    assert record.renderer() == {"variant": "llvm_ad_mono", "llvm": 19}
+    monkeypatch.setattr(backend, "llvm_library", lambda: "/own/libLLVM.so")
+    assert record.renderer() == {"variant": "llvm_ad_mono", "llvm": None}
+    stand_in.variant = lambda: "scalar_rgb"
+    assert record.renderer() == {"variant": "scalar_rgb", "llvm": None}
 
 
 def test_progress_speaks_only_of_long_work(

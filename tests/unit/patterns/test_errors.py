@@ -1,0 +1,32 @@
+"""The checks that raise the one refusal."""
+
+import pytest
+
+from patterns import InputError, errors
+
+
+@pytest.mark.parametrize("bad", [10**400, -(10**400), float("nan"), float("inf"), "1", True, None])
+def test_intervals_refuse_what_is_no_number_inside(bad):
+    with pytest.raises(InputError, match=r"^size must be in \[0, 5\]; got"):
+        errors.in_interval("size", bad, 0.0, 5.0)
+
+
+@pytest.mark.parametrize("bad", [10**400, 0, -1.0, float("nan"), float("inf"), "1", False])
+def test_positive_refuses_what_is_not_above_zero(bad):
+    with pytest.raises(InputError, match=r"^size must be > 0; got"):
+        errors.positive("size", bad)
+
+
+def test_what_is_inside_passes():
+    errors.in_interval("size", 5, 0.0, 5.0)
+    errors.positive("size", 1e-300)
+    errors.one_of("name", "b", ("a", "b"))
+
+
+def test_the_nearest_known_name_comes_first():
+    with pytest.raises(InputError, match=r"got 'd434'\. Known: d435, d415, xtion\."):
+        errors.one_of("sensor", "d434", ("xtion", "d415", "d435"))
+
+
+def test_refusals_are_one_line():
+    assert "\n" not in str(errors.refuse("a", "must be b", "c\nd", "Do\ne."))

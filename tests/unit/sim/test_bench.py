@@ -1,0 +1,44 @@
+"""The bench tells its rounds; what it measures is tested in tests/system."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from sim import bench
+
+
+def test_every_round_is_told_and_the_first_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter([0.0, 100.0] * 8 + [0.0, 1.0] * 16)  # 100 s to compile, then 1 s each.
+    shot = SimpleNamespace(layers=None, ir_left=None, ir_right=None)
+    monkeypatch.setattr(bench, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    for name in ("backend", "render", "simulate", "Stage", "builtin"):
+        monkeypatch.setattr(bench, name, _Anything(shot))
+    monkeypatch.setattr(bench, "_floor", lambda *_: lambda *_: None)
+    monkeypatch.setattr(bench, "_moving", lambda *_: lambda: None)
+    rounds = []
+
+    def tell(items: Sequence[Any], label: str) -> Iterable[Any]:
+        assert label == "bench"
+        for item in items:
+            rounds.append(item)
+            yield item
+
+    assert bench.bench(repeats=2, tell=tell)["pipeline_s"] == 1.0
+    assert len(rounds) == 3
+
+
+class _Anything:
+    """Has every function; each returns `value`."""
+
+    def __init__(self, value: Any) -> None:
+        self._value = value
+
+    def __call__(self, *_: Any, **__: Any) -> Any:
+        return self._value
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *_, **__: self._value if name != "mitsuba" else _Anything("x")
