@@ -108,13 +108,11 @@ def _floor(stage: Stage, sensor: Sensor) -> Callable[[Any, Any], None]:
     mi = backend.mitsuba()
     lit = plugin_scene.lit(stage, sensor, projector.irradiance_at_unit_distance(sensor.projector))
     left = stage.scene.world_from_left
-    eyes = (left, left @ frames.pose((sensor.baseline_m, 0.0, 0.0)))
+    eyes = (left, frames.right_of(left, sensor.baseline_m))
     cameras = [
         plugin_scene.camera(sensor, eye, sampler=plugin_scene.fixed(_SUBPIXELS)) for eye in eyes
     ]
-    integrator = mi.load_dict(
-        {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, "hide_emitters": True}
-    )
+    integrator = plugin_scene.direct()
     matcher = cv2.StereoSGBM.create(0, _SEARCH_PX, 5, 200, 800, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY)
 
     def run(ir_left: Any, ir_right: Any) -> None:

@@ -37,6 +37,11 @@ def pose(
     return frame_from_part
 
 
+def right_of(world_from_left: Pose, baseline_m: float) -> Pose:
+    """Pose of the right imager of a rectified pair from the left one's."""
+    return world_from_left @ pose((baseline_m, 0.0, 0.0))
+
+
 def look_at(
     eye_m: tuple[float, float, float],
     target_m: tuple[float, float, float],

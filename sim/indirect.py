@@ -44,7 +44,7 @@ def add(layers: Layers, stage: Stage, sensor: Sensor, *, samples: int, seed: int
     # A surface lit by its neighbours cannot tell dots from their mean, but samples can.
     lit = plugin_scene.lit(stage, sensor, np.asarray(spread, np.float32))
     left = stage.scene.world_from_left
-    right = left @ frames.pose((sensor.baseline_m, 0.0, 0.0))
+    right = frames.right_of(left, sensor.baseline_m)
     views = []
     for number, (view, pose) in enumerate(((layers.left, left), (layers.right, right))):
         image = _view(stage, lit, sensor, pose, samples, 2 * seed + number)

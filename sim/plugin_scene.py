@@ -100,6 +100,13 @@ def fixed(subpixels: int) -> dict[str, Any]:
     return {"type": "stratified", "sample_count": subpixels**2, "jitter": False}
 
 
+def direct() -> Any:
+    """Integrator of direct light alone: one primary and one shadow ray a position."""
+    return backend.mitsuba().load_dict(
+        {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, "hide_emitters": True}
+    )
+
+
 def _transform(world_from_part: Pose) -> Any:
     mi = backend.mitsuba()
     return mi.ScalarTransform4f(frames.mitsuba_to_world(world_from_part))

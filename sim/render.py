@@ -134,7 +134,7 @@ def cameras(sensor: Sensor, world_from_left: Pose) -> tuple[Camera, Camera]:
     focal = _opaque("Vector2f", (sensor.fx_px, sensor.fy_px))
     centre = _opaque("Vector2f", (sensor.cx_px, sensor.cy_px))
     size = (sensor.width, sensor.height)
-    world_from_right = world_from_left @ frames.pose((sensor.baseline_m, 0.0, 0.0))
+    world_from_right = frames.right_of(world_from_left, sensor.baseline_m)
     return (
         Camera(size, focal, centre, Placed.of(world_from_left)),
         Camera(size, focal, centre, Placed.of(world_from_right)),

@@ -23,7 +23,7 @@ _AOVS = "p:position,n:sh_normal,a:albedo,i:shape_index"
 def layers(stage: Stage, sensor: Sensor, *, subpixels: int) -> Layers:
     """As `sim.render.layers`, in any variant."""
     left = stage.scene.world_from_left
-    right = left @ frames.pose((sensor.baseline_m, 0.0, 0.0))
+    right = frames.right_of(left, sensor.baseline_m)
     lit = plugin_scene.lit(stage, sensor, projector.irradiance_at_unit_distance(sensor.projector))
     seen_left, seen_right = (_Seen(stage, sensor, pose) for pose in (left, right))
     return Layers(
@@ -52,9 +52,7 @@ class _Seen:
 
 def _view(stage: Stage, sensor: Sensor, lit: Any, pose: Pose, seen: _Seen, subpixels: int) -> View:
     mi = backend.mitsuba()
-    integrator = mi.load_dict(
-        {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, "hide_emitters": True}
-    )
+    integrator = plugin_scene.direct()
     camera = plugin_scene.camera(sensor, pose, sampler=plugin_scene.fixed(subpixels))
     image = np.array(mi.render(lit, sensor=camera, integrator=integrator, spp=subpixels**2))
     ambient = stage.scene.ambient
@@ -78,7 +76,7 @@ def _truth(stage: Stage, sensor: Sensor, seen: _Seen) -> Truth:
     column = column + sensor.cx_px
     in_field = (slope <= projector.half_tangents(part)).all(axis=-1) & (local_light[..., 2] > 0)
     in_image = (column >= -0.5) & (column <= sensor.width - 0.5)
-    right_eye = (left @ frames.pose((sensor.baseline_m, 0.0, 0.0)))[:3, 3]
+    right_eye = frames.right_of(left, sensor.baseline_m)[:3, 3]
     missing = np.float32(np.nan)
     normal = (seen.normal @ left[:3, :3]).astype(np.float32)
     return Truth(
