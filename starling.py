@@ -116,7 +116,7 @@ def simulate(
         out: folder to make.
         frames: readings of each scene, each with noise of its own.
         seed: equal seeds give equal bits on one machine.
-        samples: paths a pixel of indirect light; 0 leaves indirect light out.
+        samples: paths a coarse pixel of indirect light; 0 leaves indirect light out.
         edits: changes to the sensor.
         force: replace a folder that starling wrote before.
         common: flags of every verb.

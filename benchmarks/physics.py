@@ -16,7 +16,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from sim import frames, materials, metrics, render, sensors
-from sim.depth import disparity_from_depth
+from sim.depth import DepthMap, disparity_from_depth
 from sim.layers import Layers
 from sim.matcher import named
 from sim.scene import Scene
@@ -39,6 +39,11 @@ def wall(sensor: Sensor, distance_m: float) -> Layers:
     return render.layers(Stage(builtin.wall(distance_m)), sensor)
 
 
+def depth_of(seen: Layers, sensor: Sensor) -> DepthMap:
+    """Reading of a wall's layers."""
+    return expose(seen, builtin.wall(), sensor).depth
+
+
 def geometry(sensor: Sensor) -> dict[float, float]:
     """Disparity between the noise-free renders minus f b / z [px], by distance [m]."""
     errors = {}
@@ -46,7 +51,10 @@ def geometry(sensor: Sensor) -> dict[float, float]:
         expected = sensor.focal_baseline_px_m / distance
         seen = wall(sensor, distance)
         found = metrics.shift_px(
-            seen.left.radiance, seen.right.radiance, near_px=expected, margin_px=int(expected) + 40
+            seen.left.projector_direct,
+            seen.right.projector_direct,
+            near_px=expected,
+            margin_px=int(expected) + 40,
         )
         errors[distance] = found - expected
     return errors
@@ -61,7 +69,7 @@ def bias_curve(sensor: Sensor) -> dict[float, float]:
         truth = disparity_from_depth(
             seen.truth.depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
         )
-        error = expose(seen, sensor).depth.disparity_px - truth
+        error = depth_of(seen, sensor).disparity_px - truth
         curve[float(fraction)] = float(np.nanmean(error[60:-60, 100:-100]))
     return curve
 
@@ -83,7 +91,7 @@ def noise(sensor: Sensor, walls: dict[float, list[Layers]]) -> dict[float, float
     """Plane-fit RMS [m] by distance [m]."""
     return {
         distance: float(
-            np.sqrt(np.mean([plane_rms_m(expose(one, sensor).depth.depth_m) ** 2 for one in seen]))
+            np.sqrt(np.mean([plane_rms_m(depth_of(one, sensor).depth_m) ** 2 for one in seen]))
         )
         for distance, seen in walls.items()
     }
@@ -121,7 +129,7 @@ def corner() -> Scene:
 
 def hole_rates(sensor: Sensor, scene: Scene) -> dict[int, float]:
     """Share of pixels without depth [percent] by samples of indirect light."""
-    stage = Stage(scene)
+    stage = Stage(dataclasses.replace(scene, interreflection=1.0))
     return {
         samples: 100 * float(1 - simulate(stage, sensor, samples=samples).depth.valid.mean())
         for samples in SAMPLES

@@ -14,6 +14,7 @@ import numpy as np
 
 from sim import backend, frames, plugin_scene, progress, projector, render, sensors, simulate
 from sim.matcher import named
+from sim.scene import Scene
 from sim.scenes import builtin
 from sim.sensor import Sensor
 from sim.stage import Stage
@@ -40,7 +41,9 @@ def bench(
         Medians [s], their ratios to the floor, stage times [ms] and peak memory [GiB].
     """
     sensor = _sensor()
-    stage = Stage(builtin.clutter())
+    scene = builtin.clutter()
+    stage = Stage(scene)
+    bounced = Stage(_with_interreflection(scene))
     shot = simulate.simulate(stage, sensor)
     layers = shot.layers
     exact = dataclasses.replace(sensor, matcher=named("d4xx"))
@@ -50,10 +53,10 @@ def bench(
         "pipeline": lambda: simulate.simulate(stage, sensor),
         "pipeline_d4xx": lambda: simulate.simulate(stage, exact),
         "layers": lambda: render.layers(stage, sensor, subpixels=_SUBPIXELS),
-        "expose": lambda: simulate.expose(layers, sensor),
-        "expose_d4xx": lambda: simulate.expose(layers, exact),
+        "expose": lambda: simulate.expose(layers, scene, sensor),
+        "expose_d4xx": lambda: simulate.expose(layers, scene, exact),
         "moved": _moving(sensor),
-        "indirect": lambda: simulate.simulate(stage, sensor, samples=samples),
+        "indirect": lambda: simulate.simulate(bounced, sensor, samples=samples),
     }
     times = {name: [] for name in jobs}
     for _ in tell(range(repeats + 1), "bench"):
@@ -79,6 +82,10 @@ def bench(
         "variant": str(backend.mitsuba().variant()),
         "size": list(_SIZE),
     }
+
+
+def _with_interreflection(scene: Scene) -> Scene:
+    return dataclasses.replace(scene, interreflection=1.0)
 
 
 def peak_gib() -> float:

@@ -21,13 +21,20 @@ from sim.depth import DepthMap
 from sim.layers import Layers, Truth, View
 from sim.reason import Reason
 
-_RADIANCE = ("projector_direct", "projector_indirect", "ambient")
+_VIEW: dict[str, tuple[type[np.generic], str]] = {
+    "projector_direct": (np.float32, "W m^-2 sr^-1 for 1 W"),
+    "projector_indirect": (np.float32, "W m^-2 sr^-1 for 1 W"),
+    "ambient": (np.float32, "W m^-2 sr^-1 for 1 W m^-2"),
+    "other": (np.float32, "W m^-2 sr^-1"),
+    "depth_m": (np.float32, "m, z along this imager's axis, NaN = no surface"),
+    "body": (np.uint32, "object number from 1, 0 = no surface"),
+}
 _NORMAL = ("normal.x", "normal.y", "normal.z")
 
 # Part -> channel -> (type on disk, unit).
 _LAYOUT: dict[str, dict[str, tuple[type[np.generic], str]]] = {
-    "left": {name: (np.float32, "W m^-2 sr^-1") for name in _RADIANCE},
-    "right": {name: (np.float32, "W m^-2 sr^-1") for name in _RADIANCE},
+    "left": _VIEW,
+    "right": _VIEW,
     "truth": {
         "depth_m": (np.float32, "m, z along the optical axis, NaN = no surface"),
         **{
@@ -115,8 +122,8 @@ def read(path: Path) -> tuple[Layers, DepthMap]:
 def _arrays(layers: Layers, depth: DepthMap) -> dict[str, dict[str, NDArray[Any]]]:
     truth = layers.truth
     return {
-        "left": {name: getattr(layers.left, name) for name in _RADIANCE},
-        "right": {name: getattr(layers.right, name) for name in _RADIANCE},
+        "left": {name: getattr(layers.left, name) for name in _VIEW},
+        "right": {name: getattr(layers.right, name) for name in _VIEW},
         "truth": {
             "depth_m": truth.depth_m,
             **{name: truth.normal[..., axis] for axis, name in enumerate(_NORMAL)},

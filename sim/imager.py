@@ -33,7 +33,7 @@ def electrons_per_radiance(imager: Imager, wavelength_nm: float, exposure_s: flo
     Source: EMVA Standard 1288, release 4.0, eqs. 1 to 4; image irradiance: Horn, Robot Vision,
     sec. 10.3.
     """
-    irradiance = np.pi * imager.transmission / (4 * imager.f_number**2)
+    irradiance = np.pi * imager.lens.transmission / (4 * imager.lens.f_number**2)
     photon_j = _PLANCK_J_S * _LIGHT_M_S / (wavelength_nm * 1e-9)
     energy_j = irradiance * imager.pixel_pitch_m**2 * exposure_s
     return float(energy_j / photon_j * imager.quantum_efficiency)

@@ -13,20 +13,18 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class View:
-    """Radiance [W m^-2 sr^-1] that reaches one imager, each (h, w), light by light.
+    """What reaches one imager, each (h, w), light by light, and how far its surfaces are.
 
-    Light is linear: any weighted sum of layers is the radiance under lights of those strengths.
-    The projector's layers are for the power the sensor had when they were rendered.
+    Light is linear: a weighted sum of layers is the radiance [W m^-2 sr^-1] under lights of those
+    strengths (see `sim.light`).
     """
 
-    projector_direct: Image  # One bounce from the projector.
-    projector_indirect: Image  # Two bounces and more; zeros where not asked for.
-    ambient: Image  # Everything that is not the projector.
-
-    @property
-    def radiance(self) -> Image:
-        """Sum of the layers [W m^-2 sr^-1]."""
-        return self.projector_direct + self.projector_indirect + self.ambient
+    projector_direct: Image  # One bounce from the projector, of 1 W [W m^-2 sr^-1].
+    projector_indirect: Image  # Two bounces and more, of 1 W; zeros where not asked for.
+    ambient: Image  # Under ambient light of 1 W m^-2 [W m^-2 sr^-1].
+    other: Image  # Sun and other devices' projectors, at their own strength [W m^-2 sr^-1].
+    depth_m: Image  # z along this imager's axis; NaN where there is no surface.
+    body: NDArray[np.uint32]  # Object number from 1; 0 where there is no surface.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -122,6 +122,7 @@ class Refinement:
     median_px: int = 0  # Side of the median filter on all winners: 0, 3 or 5.
     smooth_px: int = 0  # Side of the window of the jump-preserving mean, odd or 0.
     smooth_step_px: float = 2.0  # Neighbours further off than this stay out of the mean [px].
+    locking_px: float = 0.0  # Amplitude of a pull that has a whole pixel's period [px].
     quantum_px: float = 0.0  # Disparities are rounded to multiples of this [px]; 0 = not at all.
 
     def __post_init__(self) -> None:
@@ -130,6 +131,7 @@ class Refinement:
         if self.smooth_px:
             _odd("smooth_px", self.smooth_px, 1, 31)
         in_interval("smooth_step_px", self.smooth_step_px, 0.0, 16.0)
+        in_interval("locking_px", self.locking_px, -0.15, 0.15, "More would fold disparities.")
         in_interval("quantum_px", self.quantum_px, 0.0, 1.0)
 
 

@@ -43,7 +43,7 @@ def pattern(name: str, fov_x_deg: float, fov_y_deg: float, seed: int) -> pattern
 
 
 def irradiance_at_unit_distance(projector: Projector) -> NDArray[np.float32]:
-    """Irradiance [W m^-2] on the plane 1 m in front, perpendicular to the axis.
+    """Irradiance [W m^-2] that 1 W lays on the plane 1 m in front, perpendicular to the axis.
 
     Returns:
         (h, w) over the projector's field in tangent coordinates, OpenCV orientation. With
@@ -54,7 +54,7 @@ def irradiance_at_unit_distance(projector: Projector) -> NDArray[np.float32]:
     relative = pattern(
         projector.pattern, projector.fov_x_deg, projector.fov_y_deg, projector.pattern_seed
     ).image
-    scale = np.float32(projector.power_w / (4 * half_x * half_y))
+    scale = np.float32(1 / (4 * half_x * half_y))
     if projector.falloff == 0:
         return relative * scale
     height, width = relative.shape

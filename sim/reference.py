@@ -5,8 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from sim import frames, optics, projector
+from sim import frames, projector
 from sim.imager import Infrared, digital
+from sim.optics.blur import blur
 from sim.sensor import Sensor
 
 _OVERSAMPLING = 3
@@ -34,7 +35,7 @@ def image(sensor: Sensor) -> Infrared:
     row = (0.5 * (ray[..., 1] / ray[..., 2] / half_y + 1) * height - 0.5).astype(np.float32)
     seen = cv2.remap(texture, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     light = cv2.resize(seen, (sensor.width, sensor.height), interpolation=cv2.INTER_AREA)
-    light = optics.blur(np.asarray(light, np.float32), imager.blur_px)
+    light = blur(np.asarray(light, np.float32), imager.lens.blur_px)
     aim = max(imager.auto_exposure_level, 0.1) * imager.ceiling_dn
     level = light * np.float32(aim / max(float(light.mean()), 1e-30)) + imager.black_level_dn
     return digital(imager, level)

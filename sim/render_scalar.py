@@ -57,11 +57,13 @@ def _view(stage: Stage, sensor: Sensor, lit: Any, pose: Pose, seen: _Seen, subpi
     image = np.array(mi.render(lit, sensor=camera, integrator=integrator, spp=subpixels**2))
     ambient = stage.scene.ambient
     tilt = seen.normal @ np.asarray(ambient.up) * (2 / 3 * ambient.gradient)
-    level = ambient.irradiance_w_m2 / np.pi
     return View(
         projector_direct=np.ascontiguousarray(image[..., 0], np.float32),
         projector_indirect=np.zeros(image.shape[:2], np.float32),
-        ambient=np.where(seen.hit, seen.albedo * level * (1 + tilt), 0).astype(np.float32),
+        ambient=np.where(seen.hit, seen.albedo / np.pi * (1 + tilt), 0).astype(np.float32),
+        other=np.zeros(image.shape[:2], np.float32),
+        depth_m=np.where(seen.hit, _local(seen.point, pose)[..., 2], np.nan).astype(np.float32),
+        body=seen.body,
     )
 
 

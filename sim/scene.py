@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from patterns import errors
 from sim.frames import Pose
+from sim.parts.projector import Projector
+
+Kind = Literal["diffuse", "glossy", "metal", "mirror", "glass"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -17,14 +20,19 @@ class Material:
     """How a surface returns light at the laser's wavelength."""
 
     name: str
-    kind: Literal["diffuse", "glossy", "metal"] = "diffuse"
+    kind: Kind = "diffuse"
     reflectance: float = 0.5  # Diffuse share (of a metal: at normal incidence), in [0, 1].
     roughness: float = 0.1  # Microfacet slope (GGX alpha) of glossy and metal.
+    ior: float = 1.5  # Refractive index of glass.
+    rgb: tuple[float, float, float] | None = None  # Visible reflectance, linear; None is grey.
 
     def __post_init__(self) -> None:
-        errors.one_of(f"kind of {self.name}", self.kind, ("diffuse", "glossy", "metal"))
+        errors.one_of(f"kind of {self.name}", self.kind, get_args(Kind))
         errors.in_interval(f"reflectance of {self.name}", self.reflectance, 0.0, 1.0)
         errors.in_interval(f"roughness of {self.name}", self.roughness, 0.01, 1.0)
+        errors.in_interval(f"ior of {self.name}", self.ior, 1.0, 3.0)
+        for value in self.rgb or ():
+            errors.in_interval(f"rgb of {self.name}", value, 0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -79,6 +87,78 @@ class Ambient:
         errors.in_interval("length of ambient.up", length, 0.999, 1.001, "Give a unit vector.")
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Sun:
+    """Light from one direction, with sharp shadows."""
+
+    irradiance_w_m2: float = 0.0  # On a surface that faces it, counted as ambient light is.
+    towards: tuple[float, float, float] = (
+        0.3,
+        -0.9,
+        -0.3,
+    )  # World, any length.
+
+    def __post_init__(self) -> None:
+        errors.in_interval("sun.irradiance_w_m2", self.irradiance_w_m2, 0.0, 2e3)
+        length = float(np.linalg.norm(self.towards))
+        errors.in_interval("length of sun.towards", length, 1e-3, 1e3, "Give a direction.")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Finish:
+    """How surfaces differ from what their materials say; the defaults change nothing."""
+
+    of: str = "*"  # Which bodies, by name; `*` and `?` stand for any letters.
+    reflectance_scale: float = 1.0  # Near-infrared reflectance over the material's (at most 1).
+    gloss: float = 0.0  # Share of a clear coat in what the surface returns.
+    gloss_roughness: float = 0.1  # Its microfacet slope (GGX alpha).
+    metal: float = 0.0  # Share of bare metal in what the surface returns.
+    transparency: float = 0.0  # Share of light that goes straight through, as through a thin pane.
+    subsurface_m: float = 0.0  # Sigma over which light spreads inside before it returns [m].
+
+    def __post_init__(self) -> None:
+        errors.in_interval("finish.reflectance_scale", self.reflectance_scale, 0.0, 20.0)
+        for name in ("gloss", "metal", "transparency"):
+            errors.in_interval(f"finish.{name}", getattr(self, name), 0.0, 1.0)
+        errors.in_interval("finish.gloss_roughness", self.gloss_roughness, 0.01, 1.0)
+        errors.in_interval("finish.subsurface_m", self.subsurface_m, 0.0, 0.05, "Give metres.")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Motion:
+    """Steady motion of the sensor during an exposure, in the left imager's frame."""
+
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turn_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Rotation vector a second.
+
+    def __post_init__(self) -> None:
+        for value in self.velocity_m_s:
+            errors.in_interval("motion.velocity_m_s", value, -50.0, 50.0)
+        for value in self.turn_deg_s:
+            errors.in_interval("motion.turn_deg_s", value, -1000.0, 1000.0)
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing moves."""
+        return not any((*self.velocity_m_s, *self.turn_deg_s))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ModelError:
+    """How far the scene stands from where, and how large, its model says."""
+
+    scale: float = 1.0  # About the left imager.
+    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Of the scene, left frame.
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Of the scene about the left imager.
+
+    def __post_init__(self) -> None:
+        errors.in_interval("model_error.scale", self.scale, 0.5, 2.0)
+        for value in self.shift_m:
+            errors.in_interval("model_error.shift_m", value, -1.0, 1.0, "Give metres.")
+        for value in self.turn_deg:
+            errors.in_interval("model_error.turn_deg", value, -45.0, 45.0)
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Scene:
     """Everything a sensor looks at; the world frame is free, lengths are metres."""
@@ -87,6 +167,13 @@ class Scene:
     bodies: tuple[Body, ...] = ()
     shapes: tuple[Any, ...] = ()  # Mitsuba shapes, loaded, that are there beside the bodies.
     ambient: Ambient = field(default_factory=Ambient)
+    sun: Sun = field(default_factory=Sun)
+    # Another device's projector, posed in the left imager's frame.
+    other_projector: Projector = field(default_factory=lambda: Projector(power_w=0.0))
+    finish: Finish = field(default_factory=Finish)
+    interreflection: float = 0.0  # Strength of light of two bounces and more: 1 is physical.
+    motion: Motion = field(default_factory=Motion)
+    model_error: ModelError = field(default_factory=ModelError)
     world_from_left: Pose = field(default_factory=lambda: np.eye(4))
     # A ray from the projector counts as arrived when it ends this share of its length short:
     # surfaces measured with noise would otherwise shadow themselves.
@@ -95,4 +182,5 @@ class Scene:
     def __post_init__(self) -> None:
         if not self.bodies and not self.shapes:
             raise errors.refuse("scene", "must hold at least one body", self.name, "Add a body.")
+        errors.in_interval("scene.interreflection", self.interreflection, 0.0, 1.0)
         errors.in_interval("scene.shadow_tolerance", self.shadow_tolerance, 1e-5, 0.1)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
 
 from patterns import errors
-from sim import imager, optics, randomness, reference, render
+from sim import imager, randomness, reference, render
 from sim.depth import DepthMap, disparity_from_depth, measure
 from sim.imager import Infrared
-from sim.layers import Image, Layers, Mask, Truth
+from sim.layers import Image, Layers, Mask, Truth, View
+from sim.light.received import received
+from sim.optics import image as optics
 from sim.reason import Reason
 from sim.scene import Scene
 from sim.sensor import Imager, Sensor
@@ -35,7 +38,7 @@ class Shot:
 
 
 def simulate(
-    scene: Scene | Stage, sensor: Sensor, *, seed: int = 0, frame: int = 0, samples: int = 0
+    scene: Scene | Stage, sensor: Sensor, *, seed: int = 0, frame: int = 0, samples: int = 16
 ) -> Shot:
     """Simulate one reading.
 
@@ -44,33 +47,34 @@ def simulate(
         sensor: what sees it.
         seed: of the capture; equal seeds give equal bits on one machine.
         frame: number in a capture of several frames; each has its own noise.
-        samples: paths a pixel of indirect light; 0 leaves it out.
+        samples: paths a coarse pixel of indirect light, where the scene has interreflection.
 
     Raises:
-        InputError: if `samples` is negative or the scene cannot be loaded.
+        InputError: if `samples` is not at least 1 or the scene cannot be loaded.
     """
-    errors.in_interval("samples", samples, 0, 4096, "0 leaves indirect light out.")
+    errors.in_interval("samples", samples, 1, 4096, "16 are enough for most scenes.")
     errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
     stage = scene if isinstance(scene, Stage) else Stage(scene)
     layers = render.layers(stage, sensor)
-    if samples:
+    if stage.scene.interreflection:
         from sim import indirect
 
         layers = indirect.add(layers, stage, sensor, samples=samples, seed=seed)
-    return expose(layers, sensor, seed=seed, frame=frame)
+    return expose(layers, stage.scene, sensor, seed=seed, frame=frame)
 
 
-def expose(layers: Layers, sensor: Sensor, *, seed: int = 0, frame: int = 0) -> Shot:
+def expose(layers: Layers, scene: Scene, sensor: Sensor, *, seed: int = 0, frame: int = 0) -> Shot:
     """Turn rendered layers into a reading; nothing is rendered again.
 
     Args:
         layers: of this sensor's geometry and projector.
-        sensor: whose optics, imagers, matcher and post-processing act.
+        scene: they are of; the strengths of its lights count.
+        sensor: whose projector's strength, optics, imagers, matcher and post-processing act.
         seed: of the capture.
         frame: number in the capture.
     """
     wavelength = sensor.projector.wavelength_nm
-    left = optics.blur(layers.left.radiance, sensor.left.blur_px)
+    left = _image(layers.left, scene, sensor, "left", seed, frame)
     exposure = imager.control(sensor.left, left, wavelength)
     electrons = imager.mean_electrons(sensor.left, left, wavelength, exposure)
     ir_left = imager.read_out(
@@ -79,7 +83,7 @@ def expose(layers: Layers, sensor: Sensor, *, seed: int = 0, frame: int = 0) -> 
     if sensor.kind == "structured_light":
         ir_right = reference.image(sensor)
     else:
-        right = optics.blur(layers.right.radiance, sensor.right.blur_px)
+        right = _image(layers.right, scene, sensor, "right", seed, frame)
         ir_right = imager.read_out(
             sensor.right,
             imager.mean_electrons(sensor.right, right, wavelength, exposure),
@@ -96,6 +100,13 @@ def expose(layers: Layers, sensor: Sensor, *, seed: int = 0, frame: int = 0) -> 
         exposure_s=exposure.exposure_s,
         gain=exposure.gain,
     )
+
+
+def _image(
+    view: View, scene: Scene, sensor: Sensor, side: Literal["left", "right"], seed: int, frame: int
+) -> Image:
+    light = received(view, scene, sensor, seed=seed, frame=frame)
+    return optics.image(light, view.depth_m, sensor, side, seed=seed)
 
 
 def _geometric_causes(truth: Truth, sensor: Sensor) -> dict[Reason, Mask]:

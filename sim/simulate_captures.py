@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import time
 import zlib
@@ -19,8 +20,11 @@ from sim import capture, capture_writer, progress, record
 from sim.output import OutputFolder, refuse_own_input
 from sim.sensor import Sensor
 
+_SAMPLES = 16  # Paths a coarse pixel where none are asked for.
+
 if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
     from sim.layers import Layers
+    from sim.scene import Scene
     from sim.simulate import Shot
 
 
@@ -56,7 +60,8 @@ def simulate_captures(
         out: folder to make.
         frames: readings of each scene, with noise of their own.
         seed: of the whole set; each scene's own follows from it (see `scene_seed`).
-        samples: paths a pixel of indirect light; 0 leaves it out.
+        samples: paths a coarse pixel of indirect light; given, it switches interreflection on.
+            0 takes 16 for scenes that have it.
         force: replace a set made before.
         asked: more arguments for the record, as they were typed: sensor, edits.
         tell: wraps the loop over frames.
@@ -68,6 +73,7 @@ def simulate_captures(
         InputError: whatever is wrong with the scene, the sensor or the folder; nothing is left.
     """
     errors.in_interval("frames", frames, 1, 100_000, "Take at least one.")
+    errors.in_interval("samples", samples, 0, 4096, "0 leaves indirect light out.")
     errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
     started = time.perf_counter()
     tasks, licence, notes = _tasks(scene)
@@ -166,19 +172,28 @@ def _shots(
     tell: progress.Progress,
 ) -> Iterator[tuple[_Task, int, Shot]]:
     """Give every frame of every scene; a scene is rendered once and read out `frames` times."""
-    from sim import scenes
     from sim.simulate import expose, simulate
 
     layers: Layers | None = None
+    scene = None
     for task, number in tell(list(product(tasks, range(frames))), "simulate"):
         own_seed = scene_seed(seed, task.name)
-        if number == 0 or layers is None:
-            scene = scenes.load(task.text, sensor)
-            shot = simulate(scene, sensor, seed=own_seed, frame=0, samples=samples)
+        if number == 0 or layers is None or scene is None:
+            scene = _scene(task.text, sensor, samples)
+            shot = simulate(scene, sensor, seed=own_seed, samples=samples or _SAMPLES)
         else:
-            shot = expose(layers, sensor, seed=own_seed, frame=number)
+            shot = expose(layers, scene, sensor, seed=own_seed, frame=number)
         layers = shot.layers
         yield task, number, shot
+
+
+def _scene(text: str, sensor: Sensor, samples: int) -> Scene:
+    from sim import scenes
+
+    scene = scenes.load(text, sensor)
+    if samples and not scene.interreflection:
+        scene = dataclasses.replace(scene, interreflection=1.0)
+    return scene
 
 
 def _write_shot(

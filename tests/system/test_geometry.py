@@ -110,7 +110,7 @@ def test_disparity_of_a_wall_is_fb_over_z(distance_m):
     sensor = sensors.load("d435")
     layers = render.layers(stage.Stage(builtin.wall(distance_m)), sensor)
     expected = sensor.focal_baseline_px_m / distance_m
-    views = (layers.left.radiance, layers.right.radiance)
+    views = tuple(v.projector_direct + v.ambient for v in (layers.left, layers.right))
     found = metrics.shift_px(*views, near_px=expected, margin_px=int(expected) + 40)
     assert found == pytest.approx(expected, abs=0.02)
 

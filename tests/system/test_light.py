@@ -13,7 +13,7 @@ from sim import frames, materials, projector, render, sensors, stage
 from sim.scene import Ambient, Material, Scene
 from sim.scenes import solids
 
-POWER_W = 0.2
+REFLECTANCE = 0.6
 
 
 @pytest.fixture
@@ -27,7 +27,6 @@ def even(tmp_path):
     part = dataclasses.replace(
         sensor.projector,
         pattern=str(path),
-        power_w=POWER_W,
         position_m=(0.0, 0.0, 0.0),
         fov_x_deg=100.0,
         fov_y_deg=80.0,
@@ -35,14 +34,14 @@ def even(tmp_path):
     return dataclasses.replace(sensor, projector=part)
 
 
-def wall(distance_m: float, *, tilt_deg: float = 0.0, reflectance: float = 0.6, ambient=0.0):
+def wall(distance_m: float, *, tilt_deg: float = 0.0):
     sheet = solids.body(
         "wall",
         solids.plane(20 * distance_m, 20 * distance_m),
-        Material(name="white", reflectance=reflectance),
+        Material(name="white", reflectance=REFLECTANCE),
         frames.pose((0, 0, distance_m), (0, tilt_deg, 0)),
     )
-    light = Ambient(irradiance_w_m2=ambient, gradient=0.0)
+    light = Ambient(gradient=0.0)
     return stage.Stage(Scene(name="wall", bodies=(sheet,), ambient=light))
 
 
@@ -53,20 +52,20 @@ def centre(image, sensor):
 
 def irradiance_at_one_metre(sensor) -> float:
     half_x, half_y = projector.half_tangents(sensor.projector)
-    return POWER_W / (4 * half_x * half_y)
+    return 1 / (4 * half_x * half_y)
 
 
 @pytest.mark.parametrize("distance_m", [0.5, 1.0, 2.0, 4.0])
 def test_lambertian_wall_and_inverse_square(even, distance_m):
     seen = render.layers(wall(distance_m), even).left.projector_direct
-    expected = 0.6 / np.pi * irradiance_at_one_metre(even) / distance_m**2
+    expected = REFLECTANCE / np.pi * irradiance_at_one_metre(even) / distance_m**2
     assert centre(seen, even) == pytest.approx(expected, rel=0.005)
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 30.0, 60.0])
 def test_surface_cosine(even, tilt_deg):
     seen = render.layers(wall(1.0, tilt_deg=tilt_deg), even).left.projector_direct
-    expected = 0.6 / np.pi * irradiance_at_one_metre(even) * np.cos(np.deg2rad(tilt_deg))
+    expected = REFLECTANCE / np.pi * irradiance_at_one_metre(even) * np.cos(np.deg2rad(tilt_deg))
     assert centre(seen, even) == pytest.approx(expected, rel=0.005)
 
 
@@ -91,26 +90,24 @@ def test_emitter_profile_is_as_set(even, falloff):
 
 
 def test_ambient_wall(even):
-    off = dataclasses.replace(even, projector=dataclasses.replace(even.projector, power_w=0.0))
-    seen = render.layers(wall(1.0, ambient=0.3), off).left
-    assert centre(seen.ambient, even) == pytest.approx(0.6 / np.pi * 0.3, rel=1e-4)
-    assert not seen.projector_direct.any()
+    seen = render.layers(wall(1.0), even).left
+    assert centre(seen.ambient, even) == pytest.approx(REFLECTANCE / np.pi, rel=1e-4)
 
 
 def test_all_power_lands_on_the_plane(even):
-    """Energy out = energy in: the irradiance integrated over the unit plane is the power."""
+    """Energy out = energy in: the irradiance integrated over the unit plane is 1 W."""
     image = projector.irradiance_at_unit_distance(sensors.load("d415").projector)
     half_x, half_y = projector.half_tangents(sensors.load("d415").projector)
     total = float(image.mean(dtype=np.float64)) * 4 * half_x * half_y
-    assert total == pytest.approx(sensors.load("d415").projector.power_w, rel=1e-3)
+    assert total == pytest.approx(1, rel=1e-3)
 
 
 @pytest.mark.parametrize(
     "material", [materials.WOOD, materials.PLASTIC, materials.POLISHED_ALUMINIUM]
 )
 def test_no_material_returns_more_than_it_gets(even, material):
-    """Furnace: even ambient light of radiance L0 comes back as at most L0."""
+    """Furnace: even ambient light of irradiance 1 comes back as radiance of at most 1 / pi."""
     sheet = solids.body("wall", solids.plane(20, 20), material, frames.pose((0, 0, 1.0)))
-    light = Ambient(irradiance_w_m2=np.pi, gradient=0.0)
+    light = Ambient(gradient=0.0)
     made = stage.Stage(Scene(name="wall", bodies=(sheet,), ambient=light))
-    assert render.layers(made, even).left.ambient.max() <= 1 + 1e-5
+    assert render.layers(made, even).left.ambient.max() <= (1 + 1e-5) / np.pi

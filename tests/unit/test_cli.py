@@ -47,7 +47,14 @@ def _refused(*arguments: object, capsys: Capsys) -> str:
 def _shot(shape: tuple[int, int]) -> Any:
     zeros = np.zeros(shape, np.float32)
     ones = np.ones(shape, bool)
-    view = View(projector_direct=zeros, projector_indirect=zeros, ambient=zeros)
+    view = View(
+        projector_direct=zeros,
+        projector_indirect=zeros,
+        ambient=zeros,
+        other=zeros,
+        depth_m=zeros,
+        body=zeros.astype(np.uint32),
+    )
     codes = np.zeros(shape, np.uint32)
     truth = Truth(
         depth_m=zeros + 1, normal=np.zeros((*shape, 3), np.float32), material=codes,
@@ -69,7 +76,7 @@ def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Put simple stand-ins where rendering and matching would take seconds."""
     from sim import randomness, scenes, simulate
 
-    def simulated(scene: Any, sensor: Any, *, seed: int, frame: int, **_: Any) -> Any:
+    def simulated(scene: Any, sensor: Any, *, seed: int, frame: int = 0, **_: Any) -> Any:
         shot = _shot((sensor.height, sensor.width))
         noise = randomness.generator(seed, frame, "imager", "noise left").integers(0, 9, (48, 64))
         shot.ir_left[:48, :64] += noise.astype(np.uint8)
@@ -80,7 +87,9 @@ def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(scenes, "load", lambda text, sensor: text)
     monkeypatch.setattr(simulate, "simulate", simulated)
-    monkeypatch.setattr(simulate, "expose", simulated)
+    monkeypatch.setattr(
+        simulate, "expose", lambda _, scene, sensor, **rest: simulated(scene, sensor, **rest)
+    )
     mitsuba = types.SimpleNamespace(variant=lambda: "scalar_rgb")
     monkeypatch.setattr(backend, "mitsuba", lambda: mitsuba)
     monkeypatch.setattr(depth, "measure", measured)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import errno
 import resource
 import signal
@@ -26,8 +27,9 @@ def _frame(shape: tuple[int, int] = (37, 20), seed: int = 0) -> tuple[Layers, De
     rng = np.random.default_rng(seed)
 
     def view() -> View:
-        names = ("projector_direct", "projector_indirect", "ambient")
-        return View(**{name: rng.random(shape, np.float32) for name in names})
+        names = ("projector_direct", "projector_indirect", "ambient", "other", "depth_m")
+        body = rng.integers(0, 9, shape, np.uint32)
+        return View(**{name: rng.random(shape, np.float32) for name in names}, body=body)
 
     reason = rng.integers(0, 14, shape).astype(np.uint32)
     depth_m = np.where(reason == 0, rng.random(shape, np.float32), np.float32(np.nan))
@@ -51,7 +53,7 @@ def test_round_trip_is_bit_identical(tmp_path: Path) -> None:
     exr.write(tmp_path / "f.exr", layers, depth)
     back, depth_back = exr.read(tmp_path / "f.exr")
     for side in ("left", "right"):
-        for name in ("projector_direct", "projector_indirect", "ambient"):
+        for name in (field.name for field in dataclasses.fields(View)):
             assert _same(getattr(getattr(layers, side), name), getattr(getattr(back, side), name))
     for name in ("depth_m", "normal", "material", "right_sees", "lit"):
         assert _same(getattr(layers.truth, name), getattr(back.truth, name))
@@ -68,10 +70,11 @@ def test_the_library_reads_parts_types_and_units(tmp_path: Path) -> None:
         }
         headers = {part.name(): dict(part.header) for part in file.parts}
     assert list(kinds) == ["left", "right", "truth", "depth"]
+    assert kinds["left"].pop("body") == "uint32"
     assert set(kinds["left"].values()) == {"float32"}
     assert {kinds["truth"][f"normal.{axis}"] for axis in "xyz"} == {"float16"}
     assert kinds["truth"]["material"] == kinds["depth"]["reason"] == "uint32"
-    assert headers["left"]["unit ambient"] == "W m^-2 sr^-1"
+    assert headers["left"]["unit ambient"] == "W m^-2 sr^-1 for 1 W m^-2"
     assert headers["depth"]["unit depth_m"].startswith("m, z along")
     assert "3 OCCLUDED" in headers["depth"]["unit reason"]
 

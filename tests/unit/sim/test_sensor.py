@@ -11,7 +11,7 @@ import pytest
 from patterns.errors import InputError
 from sim import sensor_edits, sensors
 from sim.matcher import Block
-from sim.sensor import Imager, Post, Projector, Sensor
+from sim.sensor import Imager, Lens, Post, Projector, Sensor
 
 GEOMETRY = {
     "name": "mine",
@@ -103,7 +103,7 @@ def test_missing_file_is_refused() -> None:
     [
         (Imager, {"gain": 0.0}, r"imager.gain must be > 0; got 0.0"),
         (Imager, {"full_well_e": float("nan")}, r"imager.full_well_e must be > 0; got nan"),
-        (Imager, {"transmission": 1.1}, r"imager.transmission must be in"),
+        (Lens, {"transmission": 1.1}, r"lens.transmission must be in"),
         (Imager, {"bit_depth": 9}, r"imager.bit_depth must be 8, 10, 12 or 16; got 9"),
         (Imager, {"black_level_dn": 200.0, "bit_depth": 8}, r"imager.black_level_dn must be in"),
         (Projector, {"power_w": -1.0}, r"projector.power_w must be in"),
@@ -175,8 +175,8 @@ def test_matcher_setting_is_edited_by_its_name() -> None:
         ("imager.gain=loud", "^imager.gain must be of type float; got 'loud'"),
         ("imager.=3", "--set must be PATH=VALUE; got 'imager.=3'"),
         ("left..gain=3", "--set must be PATH=VALUE; got 'left..gain=3'"),
-        ("left={}", "left must be set field by field; got {}. Its fields: left.exposure_s, "),
-        ("imager={}", "imager must be set field by field; got {}. Its fields: imager.exposure_s"),
+        ("left={}", "left must be set field by field; got {}. Its fields: left.lens, "),
+        ("imager={}", "imager must be set field by field; got {}. Its fields: imager.lens"),
         ("imager=3", "imager must be set field by field; got 3"),
         ("matcher.engine={kind='Block'}", "matcher.engine must be set field by field"),
         ("matcher.setting=3", "^matcher.setting must be a known name; got 3. Known: "),

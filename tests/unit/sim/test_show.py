@@ -24,7 +24,14 @@ def _decode(data: bytes) -> np.ndarray:
 def _add_reasons(frame: Path, shape: tuple[int, int] = (48, 160)) -> None:
     """Write a frame.exr with every reason in it."""
     zeros = np.zeros(shape, np.float32)
-    view = View(projector_direct=zeros, projector_indirect=zeros, ambient=zeros)
+    view = View(
+        projector_direct=zeros,
+        projector_indirect=zeros,
+        ambient=zeros,
+        other=zeros,
+        depth_m=zeros,
+        body=zeros.astype(np.uint32),
+    )
     reason = (np.arange(zeros.size) // 40 % 14).astype(np.uint32).reshape(shape)
     normal = np.zeros((*shape, 3), np.float32)
     lit = np.ones(shape, bool)

@@ -1,0 +1,1 @@
+"""From rendered layers to the light that reaches an imager."""

@@ -1,0 +1,1 @@
+"""What a sensor is made of: plain frozen settings, nothing here computes."""

@@ -1,0 +1,54 @@
+"""The infrared pattern projector."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from patterns import errors
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Projector:
+    """The infrared pattern projector, posed in the left imager's frame."""
+
+    power_w: float = 0.15  # Mean optical power [W] while exposing; 0 is off (passive stereo).
+    wavelength_nm: float = 850.0  # Laser line [nm].
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # In the left imager's frame [m].
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Rotation vector [deg].
+    fov_x_deg: float = 90.0  # Full horizontal field [deg].
+    fov_y_deg: float = 63.0  # Full vertical field [deg].
+    pattern: str = "d435"  # A generator's name (see `patterns`) or an image file.
+    pattern_seed: int = 0  # Seed of the generator.
+    dropped_dots: float = 0.0  # Share of the dots that are dark.
+    shifted_dots_mrad: float = 0.0  # Sigma of the dots' displacement on each axis [mrad].
+    dot_blur_mrad: float = 0.0  # Sigma by which dots are wider than the pattern's [mrad].
+    defocus_mrad_m: float = 0.0  # Sigma [mrad] per difference of |1/z - 1/focus_m| [1/m].
+    focus_m: float = 1.0  # Distance at which the projector is in focus [m].
+    falloff: float = 0.0  # Exponent n of cos^n about the projector's axis; 0 is none.
+    speckle_contrast: float = 0.0  # Deviation over mean of the laser's speckle in a pixel.
+    flicker: float = 0.0  # Deviation of the power from frame to frame, of its mean.
+
+    def __post_init__(self) -> None:
+        errors.in_interval("projector.power_w", self.power_w, 0.0, 1e3)
+        errors.in_interval(
+            "projector.wavelength_nm", self.wavelength_nm, 300.0, 1100.0, "Give nanometres."
+        )
+        for name in ("position_m", "rotation_deg"):
+            for axis, value in zip("xyz", getattr(self, name), strict=True):
+                errors.in_interval(f"projector.{name}.{axis}", value, -360.0, 360.0)
+        errors.in_interval("projector.fov_x_deg", self.fov_x_deg, 1.0, 150.0)
+        errors.in_interval("projector.fov_y_deg", self.fov_y_deg, 1.0, 150.0)
+        errors.in_interval("projector.dropped_dots", self.dropped_dots, 0.0, 0.99)
+        errors.in_interval("projector.shifted_dots_mrad", self.shifted_dots_mrad, 0.0, 100.0)
+        errors.in_interval("projector.dot_blur_mrad", self.dot_blur_mrad, 0.0, 50.0)
+        errors.in_interval("projector.defocus_mrad_m", self.defocus_mrad_m, 0.0, 50.0)
+        errors.in_interval("projector.focus_m", self.focus_m, 0.01, 1e4, "Give the distance [m].")
+        errors.in_interval("projector.falloff", self.falloff, 0.0, 20.0)
+        errors.in_interval(
+            "projector.speckle_contrast", self.speckle_contrast, 0.0, 1.0, "1 is one laser mode."
+        )
+        errors.in_interval("projector.flicker", self.flicker, 0.0, 0.5)
+        if not self.pattern:
+            raise errors.refuse(
+                "projector.pattern", "must name a pattern", "''", "Give a name or an image file."
+            )
