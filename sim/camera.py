@@ -60,7 +60,7 @@ def opaque(kind: str, values: Any) -> Any:
     """Make a Mitsuba value that kernels read as data, not as a constant."""
     dr = backend.drjit()
     value = getattr(backend.mitsuba(), kind)(*(float(v) for v in values))
-    dr.makeopaque(value)
+    dr.make_opaque(value)
     return value
 
 

@@ -1,4 +1,4 @@
-"""Wavelengths: the laser's line, the band-pass filter, silicon, lights, and their sum in a pixel."""
+"""Wavelengths: laser line, band-pass filter, silicon and lights, and what they sum up to."""
 
 from sim.spectra.band import Band as Band
 from sim.spectra.band import ambient_w_m2 as ambient_w_m2

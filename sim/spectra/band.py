@@ -36,7 +36,8 @@ class Band:
     def __post_init__(self) -> None:
         wavelength.in_silicon("band.wavelength_nm", self.wavelength_nm)
         bandpass.check(self.filter_centre_nm, self.filter_width_nm, 2.0)
-        errors.positive("band.epitaxy_um", min(self.epitaxy_um, 1e9), "Give micrometres.")
+        if self.epitaxy_um != float("inf"):
+            errors.positive("band.epitaxy_um", self.epitaxy_um, "Give micrometres.")
         at_laser = self._transmission(np.array([self.wavelength_nm]))[0]
         if at_laser < 1e-3:
             raise errors.refuse(

@@ -95,8 +95,8 @@ def ambient_transmission(
 ) -> Map:
     """Electrons from light of an even spectrum at each angle, over those on the axis.
 
-    The band moves by s and narrows by s, a photon has 1/s of the energy, and silicon absorbs
-    more of shorter wavelengths; so broad light hardly falls, and may rise.
+    The band moves and narrows by s, there are fewer photons a watt by s, and silicon absorbs more
+    of shorter wavelengths: broad light does not fall, and rises by a tenth or two in corners.
 
     Args:
         angle_rad: angle off the axis at which light meets the filter [rad], any shape.
@@ -114,10 +114,11 @@ def ambient_transmission(
     check(centre_nm, width_nm, index)
     if width_nm == 0:
         return np.ones_like(angle_rad, dtype=np.float32)
-    factor = shift(angle_rad, index)
-    # Smooth in s: a table of it is exact enough, and ten times as fast as silicon's own.
-    table = np.linspace(float(factor.min()), 1.0, 64)
-    gain = table**2 * silicon.absorbed(centre_nm * table, epitaxy_um)
-    gain /= silicon.absorbed(np.array([centre_nm]), epitaxy_um)
-    gain[-1] = 1.0
-    return np.interp(factor, table, gain).astype(np.float32)
+    less = np.float32(1) - shift(angle_rad, index)
+    # A cubic in 1 - s up to 60 deg, ten times as fast as silicon's own table and as good.
+    grid = np.linspace(0.0, 1 - np.sqrt(1 - 0.75 / index**2), 64)
+    gain = silicon.absorbed(centre_nm * (1 - grid), epitaxy_um) * (1 - grid) ** 2
+    powers = np.stack([grid, grid**2, grid**3], axis=-1)
+    fitted, *_ = np.linalg.lstsq(powers, gain / gain[0] - 1, rcond=None)
+    one, two, three = fitted.astype(np.float32)
+    return np.float32(1) + less * (one + less * (two + less * three))

@@ -47,14 +47,8 @@ def _refused(*arguments: object, capsys: Capsys) -> str:
 def _shot(shape: tuple[int, int]) -> Any:
     zeros = np.zeros(shape, np.float32)
     ones = np.ones(shape, bool)
-    view = View(
-        projector_direct=zeros,
-        projector_indirect=zeros,
-        ambient=zeros,
-        other=zeros,
-        depth_m=zeros,
-        body=zeros.astype(np.uint32),
-    )
+    layers = ("projector_direct", "projector_indirect", "ambient", "other", "depth_m")
+    view = View(**dict.fromkeys(layers, zeros), body=zeros.astype(np.uint32))
     codes = np.zeros(shape, np.uint32)
     truth = Truth(
         depth_m=zeros + 1, normal=np.zeros((*shape, 3), np.float32), material=codes,
