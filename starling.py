@@ -51,6 +51,14 @@ _Edits = Annotated[
         "imagers. May be repeated.",
     ),
 ]
+_Effects = Annotated[
+    UseAppendAction[tuple[str, ...]],
+    arg(
+        name="effect",
+        metavar="NAME[.PARAM]=VALUE",
+        help="Set one effect of the table, e.g. lens_blur=0.8. May be repeated.",
+    ),
+]
 
 
 @_app.command
@@ -93,6 +101,33 @@ def sensors(
 
 
 @_app.command
+def effects(
+    action: Positional[Literal["list", "show"]] = "list",
+    name: Positional[str] = "",
+    *,
+    sensor: str = "d435",
+    common: _Common = Common(),
+) -> None:
+    """List what separates a real camera from an ideal one, or show one effect of the table.
+
+    Example: starling effects show lens_blur --sensor d415
+
+    Args:
+        action: `list` all effects or `show` one.
+        name: the effect to show.
+        sensor: preset or sensor file whose own value is neutral where there is no ideal.
+        common: flags of every verb.
+    """
+    from sim import sensors as presets
+    from sim.effects import listing
+
+    if action == "show" and not name:
+        raise refuse("name", "must be given", "nothing", "See `starling effects`.")
+    rows = listing.rows(presets.load(sensor), name)
+    _say(rows, common, listing.text if action == "list" else listing.page)
+
+
+@_app.command
 def simulate(
     scene: Positional[str],
     *,
@@ -101,6 +136,7 @@ def simulate(
     frames: int = 1,
     seed: int = 0,
     samples: int = 0,
+    effect: _Effects = (),
     edits: _Edits = (),
     force: bool = False,
     common: _Common = Common(),
@@ -117,11 +153,13 @@ def simulate(
         frames: readings of each scene, each with noise of its own.
         seed: equal seeds give equal bits on one machine.
         samples: paths a coarse pixel of indirect light; 0 leaves indirect light out.
+        effect: departures from the sensor and scene as they are (see `starling effects`).
         edits: changes to the sensor.
         force: replace a folder that starling wrote before.
         common: flags of every verb.
     """
     from sim import progress, sensor_edits, simulate_captures
+    from sim.effects import setting
 
     with progress.on_stderr() as tell:
         result = simulate_captures.simulate_captures(
@@ -131,6 +169,7 @@ def simulate(
             frames=frames,
             seed=seed,
             samples=samples,
+            effects=setting.parse(effect),
             force=force,
             asked={"sensor": sensor, "set": edits},
             tell=tell,

@@ -14,6 +14,7 @@ from patterns import errors
 from sim import capture, matcher, projector, sensors, structure
 from sim.sensor import Sensor
 
+_AXES = "xyz"
 _BARE_WORD = re.compile(r"[A-Za-z_][\w./-]*")
 
 
@@ -42,7 +43,8 @@ def apply(sensor: Sensor, edits: Iterable[str]) -> Sensor:
     Args:
         sensor: what to edit.
         edits: `PATH=VALUE` each: a dotted path to a field and a TOML value (a bare word is text).
-            `imager.X` edits both imagers; `matcher.setting` takes a stock setting by its name.
+            `imager.X` edits both imagers, `PATH.x` one component of three;
+            `matcher.setting` takes a stock setting by its name.
 
     Raises:
         InputError: an edit that is no `PATH=VALUE`, an unknown path, a path to a whole table, or
@@ -52,9 +54,17 @@ def apply(sensor: Sensor, edits: Iterable[str]) -> Sensor:
         >>> apply(sensors.load("d435"), ["projector.power_w=0.2"]).projector.power_w
         0.2
     """
-    table = structure.to_table(sensor)
-    parsed = [_parse(edit) for edit in edits]
-    for path, value in parsed:
+    return with_values(sensor, [_parse(edit) for edit in edits])
+
+
+def with_values(sensor: Sensor, values: Iterable[tuple[str, Any]]) -> Sensor:
+    """Set fields in order, as `apply` does, by (path, value).
+
+    Raises:
+        InputError: an unknown path, a path to a whole table, or a refused value.
+    """
+    table, values = structure.to_table(sensor), list(values)
+    for path, value in values:
         if path == "matcher.setting":
             table["matcher"] = structure.to_table(_stock_matcher(value))
         elif path.partition(".")[0] == "imager":
@@ -65,7 +75,7 @@ def apply(sensor: Sensor, edits: Iterable[str]) -> Sensor:
     try:
         return structure.from_table(Sensor, table)
     except errors.InputError as error:
-        message = _as_typed(str(error), [path for path, _ in parsed])
+        message = _as_typed(str(error), [path for path, _ in values])
         raise errors.InputError(message) from error
 
 
@@ -97,7 +107,13 @@ def _set(table: dict[str, Any], path: str, value: Any, *, typed: str) -> None:
     """Set one key; unknown keys are refused with the whole table."""
     *folders, last = path.split(".")
     for depth, name in enumerate(folders, 1):
-        table = table.setdefault(name, {})
+        holder, table = table, table.setdefault(name, {})
+        if isinstance(table, list) and depth == len(folders) and last in _AXES[: len(table)]:
+            # Copied: both imagers may come from one list.
+            holder[name] = [
+                value if axis == last else old for axis, old in zip(_AXES, table, strict=False)
+            ]
+            return
         if not isinstance(table, dict):
             rest = ".".join([*folders[depth:], last])
             raise errors.refuse(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -61,6 +62,23 @@ def simulate(
 
         layers = indirect.add(layers, stage, sensor, samples=samples, seed=seed)
     return expose(layers, stage.scene, sensor, seed=seed, frame=frame)
+
+
+def sequence(
+    scene: Scene | Stage, sensor: Sensor, *, frames: int, seed: int = 0, samples: int = 16
+) -> Iterator[Shot]:
+    """Simulate readings of a scene that keeps still; it is rendered once.
+
+    Args:
+        scene, sensor, seed, samples: as `simulate`.
+        frames: how many readings.
+    """
+    stage = scene if isinstance(scene, Stage) else Stage(scene)
+    shot = simulate(stage, sensor, seed=seed, samples=samples)
+    yield shot
+    for frame in range(1, frames):
+        shot = expose(shot.layers, stage.scene, sensor, seed=seed, frame=frame)
+        yield shot
 
 
 def expose(layers: Layers, scene: Scene, sensor: Sensor, *, seed: int = 0, frame: int = 0) -> Shot:

@@ -17,15 +17,26 @@ import numpy as np
 
 from patterns import errors
 from sim import capture, capture_writer, progress, record
+from sim.effects import Value, setting
 from sim.output import OutputFolder, refuse_own_input
 from sim.sensor import Sensor
 
 _SAMPLES = 16  # Paths a coarse pixel where none are asked for.
 
 if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
-    from sim.layers import Layers
     from sim.scene import Scene
     from sim.simulate import Shot
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Plan:
+    """How every scene is simulated."""
+
+    sensor: Sensor
+    frames: int
+    seed: int
+    samples: int
+    effects: Mapping[str, Value]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -45,6 +56,7 @@ def simulate_captures(
     frames: int = 1,
     seed: int = 0,
     samples: int = 0,
+    effects: Mapping[str, Value] | None = None,
     force: bool = False,
     asked: Mapping[str, Any] | None = None,
     tell: progress.Progress = progress.silent,
@@ -62,6 +74,7 @@ def simulate_captures(
         seed: of the whole set; each scene's own follows from it (see `scene_seed`).
         samples: paths a coarse pixel of indirect light; given, it switches interreflection on.
             0 takes 16 for scenes that have it.
+        effects: what to set on the sensor and on every scene (see `sim.effects.setting.apply`).
         force: replace a set made before.
         asked: more arguments for the record, as they were typed: sensor, edits.
         tell: wraps the loop over frames.
@@ -76,19 +89,31 @@ def simulate_captures(
     errors.in_interval("samples", samples, 0, 4096, "0 leaves indirect light out.")
     errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
     started = time.perf_counter()
+    plan = _Plan(
+        sensor=setting.on_sensor(sensor, effects or {}),
+        frames=frames,
+        seed=seed,
+        samples=samples,
+        effects=effects or {},
+    )
     tasks, licence, notes = _tasks(scene)
     _refuse_own_input(out, scene)
     info = capture_writer.info_of(
-        sensor, source=f"starling simulate {scene}", licence=licence, notes=notes
+        plan.sensor, source=f"starling simulate {scene}", licence=licence, notes=notes
     )
     with OutputFolder(out, force=force) as folder:
-        shots = _shots(tasks, sensor, frames, seed, samples, tell)
-        figures = _write_scenes(folder, shots, sensor, seed, samples)
-        arguments = {"scene": scene, "frames": frames, "seed": seed, "samples": samples}
+        figures = _write_scenes(folder, _shots(tasks, plan, tell), plan)
+        arguments = {
+            "scene": scene,
+            "frames": frames,
+            "seed": seed,
+            "samples": samples,
+            "effect": dict(plan.effects),
+        }
         capture_writer.write_set(
             folder,
             info,
-            sensor,
+            plan.sensor,
             verb="simulate",
             arguments={**arguments, **(asked or {})},
             figures=figures,
@@ -133,9 +158,7 @@ def _tasks(scene: str) -> tuple[list[_Task], str, str]:
 def _write_scenes(
     folder: OutputFolder,
     shots: Iterator[tuple[_Task, int, Shot]],
-    sensor: Sensor,
-    seed: int,
-    samples: int,
+    plan: _Plan,
 ) -> dict[str, Any]:
     """Write every shot as it comes, a scene's truth with its first; return the scenes' figures."""
     rates: dict[str, list[float]] = defaultdict(list)
@@ -148,10 +171,14 @@ def _write_scenes(
                 task.name,
                 room=task.room,
                 truth_m=shot.layers.truth.depth_m,
-                depth_unit_m=sensor.post.depth_unit_m,
+                depth_unit_m=plan.sensor.post.depth_unit_m,
             )
-        facts = {"seed": scene_seed(seed, task.name), "frame": number, "samples": samples}
-        _write_shot(folder, task.name, number, shot, sensor, facts)
+        facts = {
+            "seed": scene_seed(plan.seed, task.name),
+            "frame": number,
+            "samples": plan.samples,
+        }
+        _write_shot(folder, task.name, number, shot, plan.sensor, facts)
         rates[task.name].append(1 - shot.depth.valid.mean())
         levels[task.name].append(shot.ir_left.mean())
         figures[task.name] = {
@@ -164,34 +191,29 @@ def _write_scenes(
 
 
 def _shots(
-    tasks: list[_Task],
-    sensor: Sensor,
-    frames: int,
-    seed: int,
-    samples: int,
-    tell: progress.Progress,
+    tasks: list[_Task], plan: _Plan, tell: progress.Progress
 ) -> Iterator[tuple[_Task, int, Shot]]:
     """Give every frame of every scene; a scene is rendered once and read out `frames` times."""
-    from sim.simulate import expose, simulate
+    from sim.simulate import sequence
 
-    layers: Layers | None = None
-    scene = None
-    for task, number in tell(list(product(tasks, range(frames))), "simulate"):
-        own_seed = scene_seed(seed, task.name)
-        if number == 0 or layers is None or scene is None:
-            scene = _scene(task.text, sensor, samples)
-            shot = simulate(scene, sensor, seed=own_seed, samples=samples or _SAMPLES)
-        else:
-            shot = expose(layers, scene, sensor, seed=own_seed, frame=number)
-        layers = shot.layers
-        yield task, number, shot
+    shots: Iterator[Shot] = iter(())
+    for task, number in tell(list(product(tasks, range(plan.frames))), "simulate"):
+        if number == 0:
+            shots = sequence(
+                _scene(task.text, plan),
+                plan.sensor,
+                frames=plan.frames,
+                seed=scene_seed(plan.seed, task.name),
+                samples=plan.samples or _SAMPLES,
+            )
+        yield task, number, next(shots)
 
 
-def _scene(text: str, sensor: Sensor, samples: int) -> Scene:
+def _scene(text: str, plan: _Plan) -> Scene:
     from sim import scenes
 
-    scene = scenes.load(text, sensor)
-    if samples and not scene.interreflection:
+    scene = setting.on_scene(scenes.load(text, plan.sensor), plan.effects)
+    if plan.samples and not scene.interreflection:
         scene = dataclasses.replace(scene, interreflection=1.0)
     return scene
 

@@ -1,0 +1,106 @@
+"""The effect table as plain tables and as text."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from sim import effects
+from sim import text as texts
+from sim.effects import Effect, Parameter, setting
+from sim.sensor import Sensor
+
+_PROSE = ("imitates", "law", "shows", "confused_with", "source", "rerender")
+_WIDTH = 100
+
+
+def rows(sensor: Sensor, name: str = "") -> list[dict[str, Any]]:
+    """Return the whole table, or one row of it, as plain values.
+
+    Args:
+        sensor: whose own value is neutral where there is no ideal.
+        name: of the row; all where empty.
+
+    Returns:
+        `[{"name", "family", "stage", "rerender", "parameters": [{"name", "neutral", "low",
+        "high", "unit", "choices", "paths"}], "imitates", "law", "shows", "confused_with",
+        "source"}]`.
+
+    Raises:
+        InputError: unknown effect.
+    """
+    chosen = (effects.named(name),) if name else effects.table()
+    return [_row(effect, sensor) for effect in chosen]
+
+
+def text(table: Sequence[Mapping[str, Any]]) -> str:
+    """Write the table as aligned columns, one line a parameter."""
+    lines = {}
+    for row in table:
+        for number, parameter in enumerate(row["parameters"]):
+            name = row["name"] if number == 0 else f"{row['name']}.{parameter['name']}"
+            lines[name] = {
+                "family": row["family"],
+                "stage": row["stage"],
+                "neutral": parameter["neutral"],
+                "range": _range(parameter),
+                "unit": parameter["unit"],
+                "renders": "anew" if row["rerender"] else "",
+            }
+    return texts.render({"effect": lines}).replace("effect ", "", 1)
+
+
+def page(table: Sequence[Mapping[str, Any]]) -> str:
+    """Write rows with all that is known of them."""
+    return "\n\n".join(_page(row) for row in table)
+
+
+def _row(effect: Effect, sensor: Sensor) -> dict[str, Any]:
+    return {
+        "name": effect.name,
+        "family": effect.family,
+        "stage": effect.stage.value,
+        "rerender": effect.rerender,
+        "parameters": [_parameter(parameter, sensor) for parameter in effect.parameters],
+        **{name: getattr(effect, name) for name in _PROSE if name != "rerender"},
+    }
+
+
+def _parameter(parameter: Parameter, sensor: Sensor) -> dict[str, Any]:
+    return {
+        "name": parameter.name,
+        "neutral": setting.neutral(parameter, sensor),
+        "low": parameter.low,
+        "high": parameter.high,
+        "unit": parameter.unit,
+        "choices": list(parameter.choices),
+        "paths": list(parameter.paths),
+    }
+
+
+def _range(parameter: Mapping[str, Any]) -> str:
+    if parameter["choices"]:
+        return ", ".join(
+            f"{choice:g}" if isinstance(choice, float) else str(choice)
+            for choice in parameter["choices"]
+        )
+    return f"{parameter['low']:g} to {parameter['high']:g}"
+
+
+def _page(row: Mapping[str, Any]) -> str:
+    lines = [f"{row['name']}  ({row['stage']}, family {row['family']})"]
+    for parameter in row["parameters"]:
+        base = parameter["neutral"]
+        lines.append(
+            f"  {parameter['name']}: {_range(parameter)} {parameter['unit']}, "
+            f"neutral {base if isinstance(base, str) or base is None else format(base, 'g')}, "
+            f"sets {', '.join(parameter['paths'])}"
+        )
+    for name in _PROSE:
+        said = row[name] if isinstance(row[name], str) else ", ".join(row[name])
+        if said:
+            lines += textwrap.wrap(
+                f"{name.replace('_', ' ')}: {said}", _WIDTH, subsequent_indent="  "
+            )
+    return "\n".join(lines)
