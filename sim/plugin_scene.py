@@ -9,10 +9,11 @@ import numpy as np
 
 from patterns import errors
 from sim import backend, frames, projector
+from sim.bsdf import grey_bitmap
 from sim.frames import Pose
 from sim.layers import Image
 from sim.sensor import Sensor
-from sim.stage import Stage, grey_bitmap
+from sim.stage import Stage
 
 _SQUARE = 2e-3  # How far from square a sensor's pixels may be.
 

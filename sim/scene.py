@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -89,14 +90,10 @@ class Ambient:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sun:
-    """Light from one direction, with sharp shadows."""
+    """Light from one direction, with sharp shadows: the real one's half degree is left out."""
 
     irradiance_w_m2: float = 0.0  # On a surface that faces it, counted as ambient light is.
-    towards: tuple[float, float, float] = (
-        0.3,
-        -0.9,
-        -0.3,
-    )  # World, any length.
+    towards: tuple[float, float, float] = (0.3, -0.9, -0.3)  # World frame, any length.
 
     def __post_init__(self) -> None:
         errors.in_interval("sun.irradiance_w_m2", self.irradiance_w_m2, 0.0, 2e3)
@@ -106,13 +103,17 @@ class Sun:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Finish:
-    """How surfaces differ from what their materials say; the defaults change nothing."""
+    """How surfaces differ from what their materials say; the defaults change nothing.
+
+    It acts on bodies of every kind but glass; of mirrors it moves the reflectance alone. Shapes
+    that come with their own BSDF (`Scene.shapes`) keep it.
+    """
 
     of: str = "*"  # Which bodies, by name; `*` and `?` stand for any letters.
     reflectance_scale: float = 1.0  # Near-infrared reflectance over the material's (at most 1).
-    gloss: float = 0.0  # Share of a clear coat in what the surface returns.
-    gloss_roughness: float = 0.1  # Its microfacet slope (GGX alpha).
-    metal: float = 0.0  # Share of bare metal in what the surface returns.
+    gloss: float = 0.0  # Share of the surface that has a clear coat.
+    metal: float = 0.0  # Share of the surface that is bare metal.
+    roughness: float = 0.1  # Microfacet slope (GGX alpha) of coat and metal.
     transparency: float = 0.0  # Share of light that goes straight through, as through a thin pane.
     subsurface_m: float = 0.0  # Sigma over which light spreads inside before it returns [m].
 
@@ -120,8 +121,16 @@ class Finish:
         errors.in_interval("finish.reflectance_scale", self.reflectance_scale, 0.0, 20.0)
         for name in ("gloss", "metal", "transparency"):
             errors.in_interval(f"finish.{name}", getattr(self, name), 0.0, 1.0)
-        errors.in_interval("finish.gloss_roughness", self.gloss_roughness, 0.01, 1.0)
+        errors.in_interval("finish.roughness", self.roughness, 0.01, 1.0)
         errors.in_interval("finish.subsurface_m", self.subsurface_m, 0.0, 0.05, "Give metres.")
+        if not self.of:
+            raise errors.refuse(
+                "finish.of", "must name bodies", "''", "Give a name, or * for all of them."
+            )
+
+    def touches(self, name: str) -> bool:
+        """Whether it acts on the body of this name."""
+        return fnmatchcase(name, self.of)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

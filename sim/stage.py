@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from patterns import errors
-from sim import backend
-from sim.scene import Body, Material, Scene
+from sim import backend, bsdf
+from sim.scene import Body, Finish, Scene
+from sim.specular import Specular
 
 
 class Stage:
@@ -23,12 +24,15 @@ class Stage:
         """
         self.scene = scene
         mi = backend.mitsuba()
-        shapes = [*map(_shape, scene.bodies), *scene.shapes]
+        shapes = [*(_shape(body, scene.finish) for body in scene.bodies), *scene.shapes]
         self.shapes = shapes
         self.mitsuba: Any = mi.load_dict(
             {"type": "scene", **{f"body_{i:04d}": shape for i, shape in enumerate(shapes)}}
         )
         self.numbers = _numbers(shapes)  # From Dr.Jit's shape handle to the body's number.
+        self.diffuse = _diffuse(scene, shapes)
+        # What turns rays or lets them pass; None where nothing does.
+        self.specular = Specular.of(shapes) if backend.is_jit() else None
         _refuse_extent(self)
         _refuse_inside(self)
 
@@ -85,12 +89,12 @@ def _numbers(shapes: list[Any]) -> NDArray[np.uint32]:
     return table
 
 
-def _shape(body: Body) -> Any:
+def _shape(body: Body, finish: Finish) -> Any:
     """Make one Mitsuba mesh with its BSDF."""
     mi = backend.mitsuba()
-    mesh, bsdf = body.mesh, _bsdf(body.material, body.texture)
+    mesh = body.mesh
     props = mi.Properties()
-    props["bsdf"] = mi.load_dict(bsdf)
+    props["bsdf"] = mi.load_dict(bsdf.of(body, finish))
     props["face_normals"] = mesh.normals is None
     shape = mi.Mesh(
         body.name,
@@ -109,43 +113,3 @@ def _shape(body: Body) -> Any:
         params["vertex_texcoords"] = np.ascontiguousarray(mesh.uv, np.float32).ravel()
     params.update()
     return shape
-
-
-def _bsdf(material: Material, texture: NDArray[np.float32] | None) -> dict[str, Any]:
-    value = material.reflectance if texture is None else grey_bitmap(texture)
-    if material.kind == "diffuse":
-        inner: dict[str, Any] = {"type": "diffuse", "reflectance": _spectrum(value)}
-    elif material.kind == "glossy":
-        inner = {
-            "type": "roughplastic",
-            "distribution": "ggx",
-            "alpha": material.roughness,
-            "diffuse_reflectance": _spectrum(value),
-            "nonlinear": True,
-        }
-    else:
-        inner = {
-            "type": "principled",
-            "metallic": 1.0,
-            "base_color": _spectrum(value),
-            "roughness": material.roughness**0.5,  # The model squares it to alpha.
-        }
-    return {"type": "twosided", "bsdf": inner}
-
-
-def _spectrum(value: float | dict[str, Any]) -> dict[str, Any]:
-    return value if isinstance(value, dict) else {"type": "spectrum", "value": value}
-
-
-def grey_bitmap(image: NDArray[np.float32]) -> dict[str, Any]:
-    """Texture dict of a linear grey image; uv (0, 0) is the image's first corner."""
-    mi = backend.mitsuba()
-    channels = 1 if backend.is_jit() else 3
-    data = np.repeat(np.ascontiguousarray(image, np.float32)[..., None], channels, axis=2)
-    return {
-        "type": "bitmap",
-        "bitmap": mi.Bitmap(data),
-        "raw": True,
-        "filter_type": "bilinear",
-        "wrap_mode": "clamp",
-    }

@@ -82,7 +82,11 @@ def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scenes, "load", lambda text, sensor: text)
     monkeypatch.setattr(simulate, "simulate", simulated)
     monkeypatch.setattr(
-        simulate, "expose", lambda _, scene, sensor, **rest: simulated(scene, sensor, **rest)
+        simulate,
+        "sequence",
+        lambda scene, sensor, *, frames, seed, **_: (
+            simulated(scene, sensor, seed=seed, frame=frame) for frame in range(frames)
+        ),
     )
     mitsuba = types.SimpleNamespace(variant=lambda: "scalar_rgb")
     monkeypatch.setattr(backend, "mitsuba", lambda: mitsuba)
