@@ -267,6 +267,36 @@ def show(
 
 
 @_app.command
+def atlas(
+    names: Positional[tuple[str, ...]] = (),
+    *,
+    out: Path,
+    sensor: str = "d435",
+    force: bool = False,
+    common: _Common = Common(),
+) -> None:
+    """Draw what each effect of the table does: infrared, disparity error and holes; a page each.
+
+    Example: starling atlas lens_blur laser_speckle --out out/atlas
+
+    Args:
+        names: effects to draw; all where none is named.
+        out: folder to make.
+        sensor: preset or sensor file to draw with.
+        force: replace an atlas that starling drew before.
+        common: flags of every verb.
+    """
+    from sim import atlas as drawing
+    from sim import progress, sensor_edits
+
+    with progress.on_stderr() as tell:
+        result = drawing.atlas(
+            out, sensor_edits.asked_for(sensor, "", ()), names=names, force=force, tell=tell
+        )
+    _say(result, common)
+
+
+@_app.command
 def bench(*, common: _Common = Common()) -> None:
     """Time the whole pipeline against the bare floor: two renders and one matcher call.
 

@@ -2,36 +2,18 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from patterns import errors
-from sim import exr, panels
+from sim import exr, panels, sheet
 from sim.capture import CapturedScene, Frame
 from sim.depth import disparity_from_depth
 from sim.reason import Reason
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-_PANEL_IN = 6.2  # Width of one panel.
-_GAP_IN = 0.25  # Between columns.
-_HEADING_IN = 0.36  # Above each panel.
-_DPI = 110
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Panel:
-    """One drawing and the room its scale bar or legend takes below it."""
-
-    draw: Callable[[Axes], None]
-    below_in: float = 0.05
+from sim.sheet import Panel
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -60,7 +42,7 @@ def picture(scene: CapturedScene, frame: int = 0, *, against: CapturedScene | No
         InputError: if a scene cannot be read or the two differ in size.
     """
     if against is None:
-        return _draw(_one(_view(scene, frame)), scene.info.shape)
+        return sheet.draw(_one(_view(scene, frame)), scene.info.shape)
     if scene.info.shape != against.info.shape:
         raise errors.refuse(
             "the two captures",
@@ -68,7 +50,7 @@ def picture(scene: CapturedScene, frame: int = 0, *, against: CapturedScene | No
             f"{scene.info.shape} and {against.info.shape}",
             "Show them one by one.",
         )
-    return _draw(_two(_view(scene, frame), _view(against, frame)), scene.info.shape)
+    return sheet.draw(_two(_view(scene, frame), _view(against, frame)), scene.info.shape)
 
 
 def _view(scene: CapturedScene, number: int) -> _View:
@@ -107,7 +89,7 @@ def _reason(scene: CapturedScene, frame: Frame) -> NDArray[np.uint32] | None:
     return np.where(np.isnan(frame.depth_m), np.uint32(Reason.UNKNOWN), np.uint32(Reason.VALID))
 
 
-def _one(view: _View) -> list[list[_Panel]]:
+def _one(view: _View) -> list[list[Panel]]:
     """Lay one view out in rows of two."""
     limits = panels.depth_limits(view.frame.depth_m, view.truth_m)
     drawn = [
@@ -121,7 +103,7 @@ def _one(view: _View) -> list[list[_Panel]]:
     return [drawn[start : start + 2] for start in range(0, len(drawn), 2)]
 
 
-def _two(left: _View, right: _View) -> list[list[_Panel]]:
+def _two(left: _View, right: _View) -> list[list[Panel]]:
     """Lay two views out in columns; a row shows what both have."""
     limits = panels.depth_limits(left.frame.depth_m, right.frame.depth_m)
     columns = [
@@ -139,63 +121,39 @@ def _two(left: _View, right: _View) -> list[list[_Panel]]:
     return rows
 
 
-def _infrared(view: _View, side: str) -> list[_Panel]:
+def _infrared(view: _View, side: str) -> list[Panel]:
     image = view.frame.ir_left if side == "left" else view.frame.ir_right
     if image is None or view.frame.ir_left is None:
         return []
     limits = panels.infrared_limits(view.frame.ir_left)
     title = f"{view.heading}: infrared {side}"
-    return [_Panel(draw=partial(panels.infrared, image=image, limits=limits, title=title))]
+    return [Panel(draw=partial(panels.infrared, image=image, limits=limits, title=title))]
 
 
-def _depth(view: _View, limits: tuple[float, float]) -> list[_Panel]:
+def _depth(view: _View, limits: tuple[float, float]) -> list[Panel]:
     if view.frame.depth_m is None:
         return []
     title = f"{view.heading}: depth"
     draw = partial(panels.depth, depth_m=view.frame.depth_m, limits=limits, title=title)
-    return [_Panel(draw=draw, below_in=panels.BAR_IN)]
+    return [Panel(draw=draw, below_in=panels.BAR_IN)]
 
 
-def _truth(view: _View, limits: tuple[float, float]) -> list[_Panel]:
+def _truth(view: _View, limits: tuple[float, float]) -> list[Panel]:
     if view.truth_m is None:
         return []
     draw = partial(panels.depth, depth_m=view.truth_m, limits=limits, title="truth")
-    return [_Panel(draw=draw, below_in=panels.BAR_IN)]
+    return [Panel(draw=draw, below_in=panels.BAR_IN)]
 
 
-def _reasons(view: _View) -> list[_Panel]:
+def _reasons(view: _View) -> list[Panel]:
     if view.reason is None:
         return []
     draw = partial(panels.reasons, reason=view.reason, title="why depth is missing")
-    return [_Panel(draw=draw, below_in=panels.legend_in(view.reason))]
+    return [Panel(draw=draw, below_in=panels.legend_in(view.reason))]
 
 
-def _error(view: _View) -> list[_Panel]:
+def _error(view: _View) -> list[Panel]:
     if view.error_px is None:
         return []
     draw = partial(panels.error, error_px=view.error_px, title="error against truth")
-    return [_Panel(draw=draw, below_in=panels.BAR_IN)]
-
-
-def _draw(rows: list[list[_Panel]], shape: tuple[int, int]) -> bytes:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    columns = max(map(len, rows))
-    panel_in = _PANEL_IN * shape[0] / shape[1]
-    below_in = [max(panel.below_in for panel in row) for row in rows]
-    width = columns * (_PANEL_IN + _GAP_IN) + _GAP_IN
-    height = len(rows) * (_HEADING_IN + panel_in) + sum(below_in) + 0.1
-    figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white")
-    FigureCanvasAgg(figure)
-    y = height
-    for row, below in zip(rows, below_in, strict=True):
-        y -= _HEADING_IN + panel_in
-        for column, panel in enumerate(row):
-            x = _GAP_IN + column * (_PANEL_IN + _GAP_IN)
-            place = (x / width, y / height, _PANEL_IN / width, panel_in / height)
-            panel.draw(figure.add_axes(place))
-        y -= below
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
+    return [Panel(draw=draw, below_in=panels.BAR_IN)]

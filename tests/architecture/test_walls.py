@@ -33,8 +33,8 @@ LIBRARY_ROOMS = {
 }
 # The files that make pictures, and which pictures.
 PICTURE_MAKERS: dict[str, str] = {
-    "sim/show.py": "`starling show`: one picture of a capture",
-    "sim/panels.py": "the panels of that picture",
+    "sim/sheet.py": "every picture: a sheet of panels",
+    "sim/panels.py": "the panels",
 }
 HEAVY = ("mitsuba", "drjit", "torch", "cv2", "matplotlib", "scipy", "numba")
 LONGEST_FILE = 400

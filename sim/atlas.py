@@ -1,0 +1,178 @@
+"""The atlas: what every effect of the table looks like, one page and one picture each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim import atlas_page, effects, metrics, panels, progress, record, scenes, sheet
+from sim.depth import disparity_from_depth
+from sim.dots import dot_contrast
+from sim.effects import Effect, Stage, Value, setting
+from sim.layers import Image
+from sim.output import RECORD, OutputFolder
+from sim.scene import Scene
+from sim.sensor import Sensor
+from sim.sheet import Panel
+from sim.simulate import Shot, sequence
+
+SCENE = "tabletop"
+_FRAMES = 6  # Where a filter over time is on: enough for it to settle.
+_CROP = (0.42, 0.40, 0.36)  # Left, top and size of the part shown of the infrared, of the image's.
+_PANEL_IN = 3.4
+_DPI = 100
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Seen:
+    """A reading and what is measured on it."""
+
+    shot: Shot
+    error_px: Image
+    figures: dict[str, float]
+
+
+def atlas(
+    out: Path,
+    sensor: Sensor,
+    *,
+    names: Iterable[str] = (),
+    force: bool = False,
+    tell: progress.Progress = progress.silent,
+) -> dict[str, Any]:
+    """Draw effects, each beside the same camera without it.
+
+    Effects up to the imager are shown on the ideal camera; what matcher and post-processing do
+    shows only on noisy images, so theirs are shown on the sensor as it is.
+
+    Args:
+        out: folder to make.
+        sensor: whose geometry, pattern and matcher are used.
+        names: effects to draw; all where empty.
+        force: replace an atlas made before.
+        tell: wraps the loop over effects.
+
+    Returns:
+        `{"out", "files", "effects": {NAME: {"value", "without", "with"}}}`.
+
+    Raises:
+        InputError: unknown effect or a folder that cannot be written.
+    """
+    rows = [effects.named(name) for name in names] or list(effects.table())
+    scene = scenes.load(SCENE, sensor)
+    ideal = setting.ideal(sensor, scene)
+    # A table lit by nothing but the projector has shadows without a trace of light.
+    ideal = ideal[0], setting.on_scene(ideal[1], {"ambient": scene.ambient.irradiance_w_m2})
+    bases = {True: ideal, False: (sensor, scene)}
+    plain = {kind: _seen(*base, 0) for kind, base in bases.items()}
+    figures: dict[str, Any] = {}
+    with OutputFolder(out, force=force) as folder:
+        for row in tell(rows, "atlas"):
+            optical = row.stage not in (Stage.MATCHER, Stage.POST)
+            value = _shown(row, *bases[optical])
+            moved = setting.apply(*bases[optical], {row.name: value})
+            without, affected = plain[optical], _seen(*moved, 0)
+            folder.write(f"{row.name}.jpg", _picture(row, value, without, affected))
+            measured = {"without": without.figures, "with": affected.figures}
+            folder.write(f"{row.name}.md", atlas_page.page(row, value, measured))
+            figures[row.name] = {"value": value, **measured}
+        folder.write("index.md", atlas_page.index(rows))
+        arguments = {"sensor": sensor.name, "scene": SCENE, "effects": [row.name for row in rows]}
+        folder.write(
+            RECORD,
+            record.dumps(
+                {
+                    "verb": "atlas",
+                    "arguments": arguments,
+                    "versions": record.versions(),
+                    "renderer": record.renderer(),
+                    "figures": figures,
+                }
+            ),
+        )
+    return {"out": str(folder.path), "files": 2 * len(rows) + 2, "effects": figures}
+
+
+def _shown(row: Effect, sensor: Sensor, scene: Scene) -> Value:
+    """The value a row is drawn at: the far end of its range, or another choice than neutral."""
+    parameter = row.parameters[0]
+    base = setting.neutral(parameter, sensor, scene)
+    if parameter.choices:
+        return next(choice for choice in reversed(parameter.choices) if choice != base)
+    assert parameter.low is not None and parameter.high is not None  # A number has a range.
+    return parameter.high if parameter.high != base else parameter.low
+
+
+def _seen(sensor: Sensor, scene: Scene, seed: int) -> _Seen:
+    frames = _FRAMES if sensor.post.temporal_alpha < 1 else 1
+    *_, shot = sequence(scene, sensor, frames=frames, seed=seed)
+    truth = disparity_from_depth(
+        shot.layers.truth.depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
+    )
+    found = disparity_from_depth(
+        shot.depth.depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
+    )
+    scored = metrics.disparity_figures(found, truth, metrics.scored_pixels(truth))
+    return _Seen(
+        shot=shot,
+        error_px=found - truth,
+        figures={
+            "mean level [share of full scale]": float(shot.ir_left.mean()) / sensor.left.ceiling_dn,
+            "dot contrast": dot_contrast(_bytes(shot.ir_left, sensor), 0.0),
+            "disparity bias [px]": scored.bias_px,
+            "disparity NMAD [px]": scored.nmad_px,
+            "off by more than 1 px [%]": scored.bad1_pct,
+            "no depth [%]": 100 * float(1 - shot.depth.valid.mean()),
+        },
+    )
+
+
+def _bytes(infrared: Any, sensor: Sensor) -> Image:
+    return infrared.astype(np.float32) * np.float32(255 / sensor.left.ceiling_dn)
+
+
+def _picture(row: Effect, value: Value, without: _Seen, affected: _Seen) -> bytes:
+    """Draw infrared, disparity error and holes, without the effect on the left, with it right."""
+    name = f"{row.name} = {value:g}" if isinstance(value, float) else f"{row.name} = {value}"
+    rows = []
+    cut = [_cropped(seen.shot.ir_left) for seen in (without, affected)]
+    limits = panels.infrared_limits(cut[0])
+    titles = ("without", name)
+    rows.append(
+        [
+            Panel(draw=partial(panels.infrared, image=image, limits=limits, title=title))
+            for image, title in zip(cut, titles, strict=True)
+        ]
+    )
+    rows.append(
+        [
+            Panel(
+                draw=partial(panels.error, error_px=seen.error_px, title="disparity error"),
+                below_in=panels.BAR_IN,
+            )
+            for seen in (without, affected)
+        ]
+    )
+    rows.append(
+        [
+            Panel(
+                draw=partial(panels.reasons, reason=seen.shot.depth.reason, title="holes"),
+                below_in=panels.legend_in(seen.shot.depth.reason),
+            )
+            for seen in (without, affected)
+        ]
+    )
+    shape = without.shot.depth.valid.shape
+    return sheet.draw(rows, shape, panel_in=_PANEL_IN, dpi=_DPI, kind="jpeg")
+
+
+def _cropped(infrared: Any) -> Any:
+    left, top, size = _CROP
+    height, width = infrared.shape
+    rows = slice(int(top * height), int((top + size) * height))
+    return infrared[rows, int(left * width) : int((left + size) * width)]
