@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim import atlas_page, effects, metrics, panels, progress, record, scenes, sheet
 from sim.depth import disparity_from_depth
 from sim.dots import dot_contrast
 from sim.effects import Effect, Stage, Value, setting
+from sim.imager import Infrared
 from sim.layers import Image
 from sim.output import RECORD, OutputFolder
 from sim.scene import Scene
@@ -132,8 +134,9 @@ def _seen(sensor: Sensor, scene: Scene, seed: int) -> _Seen:
     )
 
 
-def _bytes(infrared: Any, sensor: Sensor) -> Image:
-    return infrared.astype(np.float32) * np.float32(255 / sensor.left.ceiling_dn)
+def _bytes(infrared: Infrared, sensor: Sensor) -> NDArray[np.uint8]:
+    """Bring an image to 8 bits, on which dot contrast is defined."""
+    return np.rint(infrared * (255 / sensor.left.ceiling_dn)).astype(np.uint8)
 
 
 def _picture(row: Effect, value: Value, without: _Seen, affected: _Seen) -> bytes:

@@ -1,0 +1,87 @@
+"""Depth in the colour camera's image: where it lands, what it hides, what it leaves open."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from patterns import InputError
+from sim import registration, sensors
+from sim.sensor import Colour, Sensor
+
+SIZE = (120, 160)
+
+
+def _sensor(position_m: tuple[float, float, float], scale: float = 1.0) -> Sensor:
+    height, width = SIZE
+    colour = Colour(
+        width=round(width * scale),
+        height=round(height * scale),
+        fx_px=100 * scale,
+        fy_px=100 * scale,
+        cx_px=80 * scale,
+        cy_px=60 * scale,
+        position_m=position_m,
+    )
+    return dataclasses.replace(
+        sensors.load("d435"),
+        width=width,
+        height=height,
+        fx_px=100.0,
+        fy_px=100.0,
+        cx_px=80.0,
+        cy_px=60.0,
+        colour=colour,
+    )
+
+
+def _box(near: float = 1.0, far: float = 2.0) -> np.ndarray:
+    depth = np.full(SIZE, far, np.float32)
+    depth[40:80, 60:100] = near
+    return depth
+
+
+def test_a_camera_at_the_same_place_sees_the_same_but_for_the_growth_of_near_edges() -> None:
+    seen = registration.register(_box(), _sensor((0.0, 0.0, 0.0)))
+    grown = _box()
+    grown[40:81, 60:101] = 1.0
+    assert np.array_equal(seen, grown)
+
+
+def test_parallax_is_focal_length_times_offset_over_depth() -> None:
+    """A camera to the left sees things further right, near ones more: f t / z = 5 and 2.5 px."""
+    seen = registration.register(_box(), _sensor((-0.05, 0.0, 0.0)))
+    row = seen[60]
+    assert np.flatnonzero(row == 1.0)[[0, -1]].tolist() == [65, 105]
+    assert np.isnan(row[:2]).all()
+    # The colour camera looks behind the left edge of the box; the depth camera could not.
+    assert np.isnan(row[63:65]).all()
+    assert row[106] == 2.0
+
+
+def test_depth_is_along_the_colour_cameras_own_axis() -> None:
+    seen = registration.register(np.full(SIZE, 2.0, np.float32), _sensor((0.0, 0.0, 0.3)))
+    assert np.nanmax(np.abs(seen - 1.7)) < 1e-6
+
+
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_another_resolution_leaves_no_grid_of_holes(scale: float) -> None:
+    seen = registration.register(_box(), _sensor((0.0, 0.0, 0.0), scale))
+    assert seen.shape == (round(120 * scale), round(160 * scale))
+    assert np.isfinite(seen[2:-2, 2:-2]).all()
+
+
+def test_holes_stay_holes_and_what_is_behind_the_camera_is_left_out() -> None:
+    depth = _box()
+    depth[10:20] = np.nan
+    seen = registration.register(depth, _sensor((0.0, 0.0, 0.0)))
+    assert np.isnan(seen[11:20, 5:-5]).all()
+    assert np.isnan(registration.register(_box(), _sensor((0.0, 0.0, 2.5)))).all()
+
+
+def test_a_sensor_without_colour_camera_is_refused() -> None:
+    sensor = dataclasses.replace(sensors.load("d435"), colour=None)
+    with pytest.raises(InputError, match=r"needs a colour camera; got none in d435"):
+        registration.register(_box(), sensor)
