@@ -51,6 +51,14 @@ _Edits = Annotated[
         "imagers. May be repeated.",
     ),
 ]
+_Preset = Annotated[
+    str | None,
+    arg(
+        metavar="NAME|FILE.json",
+        help="Put a RealSense under a preset of its maker (default, high_accuracy, high_density, "
+        "medium_density, hand) or under the controls its viewer exported.",
+    ),
+]
 _Effects = Annotated[
     UseAppendAction[tuple[str, ...]],
     arg(
@@ -136,6 +144,8 @@ def simulate(
     frames: int = 1,
     seed: int = 0,
     samples: int = 0,
+    device_preset: _Preset = None,
+    emitter: Literal["on", "off"] | None = None,
     effect: _Effects = (),
     edits: _Edits = (),
     force: bool = False,
@@ -153,25 +163,41 @@ def simulate(
         frames: readings of each scene, each with noise of its own.
         seed: equal seeds give equal bits on one machine.
         samples: paths a coarse pixel of indirect light; 0 leaves indirect light out.
+        device_preset: a RealSense preset or an exported file of controls.
+        emitter: switch the projector on or off.
         effect: departures from the sensor and scene as they are (see `starling effects`).
         edits: changes to the sensor.
         force: replace a folder that starling wrote before.
         common: flags of every verb.
     """
-    from sim import progress, sensor_edits, simulate_captures
+    from sim import asked_sensor, progress, simulate_captures
     from sim.effects import setting
+
+    camera = asked_sensor.load(
+        sensor,
+        captures=scene,
+        device_preset=device_preset,
+        emitter=emitter,
+        edits=edits,
+        note=progress.note_on_stderr,
+    )
 
     with progress.on_stderr() as tell:
         result = simulate_captures.simulate_captures(
             scene,
-            sensor_edits.asked_for(sensor, scene, edits),
+            camera,
             out,
             frames=frames,
             seed=seed,
             samples=samples,
             effects=setting.parse(effect),
             force=force,
-            asked={"sensor": sensor, "set": edits},
+            asked={
+                "sensor": sensor,
+                "device_preset": device_preset,
+                "emitter": emitter,
+                "set": edits,
+            },
             tell=tell,
         )
     _say(result, common)
@@ -183,6 +209,7 @@ def match(
     *,
     sensor: str,
     setting: str | None = None,
+    device_preset: _Preset = None,
     edits: _Edits = (),
     out: Path | None = None,
     force: bool = False,
@@ -196,21 +223,34 @@ def match(
         captures: capture set or one scene in it.
         sensor: preset (see `starling sensors`) or sensor file (.toml) whose matcher is used.
         setting: stock setting of the matcher, instead of the sensor's: `fast` or `d4xx`.
+        device_preset: a RealSense preset or an exported file of controls.
         edits: changes to the sensor.
         out: folder to write depth to.
         force: replace a folder that starling wrote before.
         common: flags of every verb.
     """
-    from sim import match_captures, progress, sensor_edits
+    from sim import asked_sensor, match_captures, progress
 
     chosen = (f"matcher.setting={setting}",) if setting else ()
+    camera = asked_sensor.load(
+        sensor,
+        captures=captures,
+        device_preset=device_preset,
+        edits=(*chosen, *edits),
+        note=progress.note_on_stderr,
+    )
     with progress.on_stderr() as tell:
         result = match_captures.match_captures(
             captures,
-            sensor_edits.asked_for(sensor, captures, (*chosen, *edits)),
+            camera,
             out=out,
             force=force,
-            asked={"sensor": sensor, "setting": setting, "set": edits},
+            asked={
+                "sensor": sensor,
+                "setting": setting,
+                "device_preset": device_preset,
+                "set": edits,
+            },
             tell=tell,
         )
     _say(result, common)
@@ -286,13 +326,11 @@ def atlas(
         force: replace an atlas that starling drew before.
         common: flags of every verb.
     """
+    from sim import asked_sensor, progress
     from sim import atlas as drawing
-    from sim import progress, sensor_edits
 
     with progress.on_stderr() as tell:
-        result = drawing.atlas(
-            out, sensor_edits.asked_for(sensor, "", ()), names=names, force=force, tell=tell
-        )
+        result = drawing.atlas(out, asked_sensor.load(sensor), names=names, force=force, tell=tell)
     _say(result, common)
 
 

@@ -12,6 +12,7 @@ from typing import Literal
 from patterns.errors import in_interval, one_of, refuse
 
 FIXED_POINT = 16  # OpenCV's disparities come in steps of 1/16 px; its search is a multiple of it.
+MOST_BITS = 100.0  # Highest penalty of the own engine: dearer than any disparity, so no jump.
 
 
 def _odd(name: str, value: int, low: int, high: int) -> None:
@@ -85,6 +86,8 @@ class CensusSemiGlobal:
     arm_step_dn: float = 6.0  # It ends where the left image differs by more than this [DN].
     small_penalty: float = 12.0  # P1, for a step of one disparity [bit].
     large_penalty: float = 48.0  # P2, for a larger step [bit].
+    second_peak: float = 0.0  # The second best must cost this much more [bit, sum of paths].
+    neighbour_peak: float = 0.0  # So must a disparity next to the best [bit, sum of paths].
 
     def __post_init__(self) -> None:
         _odd("census_px", self.census_px, 3, 11)
@@ -94,8 +97,10 @@ class CensusSemiGlobal:
         in_interval("difference_cap_dn", self.difference_cap_dn, 0.0, 255.0)
         _odd("support_px", self.support_px, 1, 15)
         in_interval("arm_step_dn", self.arm_step_dn, 0.0, 255.0)
-        in_interval("small_penalty", self.small_penalty, 0.0, 100.0)
-        in_interval("large_penalty", self.large_penalty, 0.0, 100.0)
+        in_interval("small_penalty", self.small_penalty, 0.0, MOST_BITS)
+        in_interval("large_penalty", self.large_penalty, 0.0, MOST_BITS)
+        in_interval("second_peak", self.second_peak, 0.0, 1000.0)
+        in_interval("neighbour_peak", self.neighbour_peak, 0.0, 1000.0)
         if self.large_penalty < self.small_penalty:
             raise refuse(
                 "large_penalty",

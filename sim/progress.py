@@ -11,6 +11,8 @@ from typing import Any
 # Takes the items and what is done with them ("simulate"), gives the items back one by one.
 Progress = Callable[[Sequence[Any], str], Iterable[Any]]
 
+Note = Callable[[str], None]  # Takes a line that a user should read.
+
 _QUIET_S = 1.0  # Work shorter than this says nothing.
 
 
@@ -18,6 +20,16 @@ def silent(items: Sequence[Any], label: str) -> Iterable[Any]:
     """Tell nothing."""
     del label
     return items
+
+
+def unsaid(line: str) -> None:
+    """Say nothing."""
+    del line
+
+
+def note_on_stderr(line: str) -> None:
+    """Say a line on standard error."""
+    print(f"starling: {line}", file=sys.stderr, flush=True)
 
 
 @contextmanager

@@ -1,40 +1,18 @@
-"""The sensor that a command asks for: a preset, the captures' geometry, edits as text."""
+"""Edits of a sensor by dotted path, as text or as values."""
 
 from __future__ import annotations
 
-import dataclasses
-import os
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 from patterns import errors
-from sim import capture, matcher, projector, sensors, structure
+from sim import matcher, structure
 from sim.sensor import Sensor
 
 _AXES = "xyz"
 _BARE_WORD = re.compile(r"[A-Za-z_][\w./-]*")
-
-
-def asked_for(name: str, captures: str, edits: Iterable[str]) -> Sensor:
-    """Load a sensor, give it the geometry of the captures it is used on, then apply edits.
-
-    A pattern's image file gets its full path, so that the sensor can be used from elsewhere.
-
-    Args:
-        name: preset or sensor file.
-        captures: what it is used on; only a capture set or a scene in it has a geometry.
-        edits: see `apply`.
-
-    Raises:
-        InputError: whatever is refused on the way.
-    """
-    sensor = sensors.load(name)
-    if capture.is_capture(captures):
-        sensor = capture.open_set(captures).info.geometry_into(sensor)
-    return _anchored(apply(sensor, edits))
 
 
 def apply(sensor: Sensor, edits: Iterable[str]) -> Sensor:
@@ -77,14 +55,6 @@ def with_values(sensor: Sensor, values: Iterable[tuple[str, Any]]) -> Sensor:
     except errors.InputError as error:
         message = _as_typed(str(error), [path for path, _ in values])
         raise errors.InputError(message) from error
-
-
-def _anchored(sensor: Sensor) -> Sensor:
-    name = sensor.projector.pattern
-    if name in projector.GENERATORS or not Path(name).suffix:
-        return sensor
-    light = dataclasses.replace(sensor.projector, pattern=os.path.abspath(name))
-    return dataclasses.replace(sensor, projector=light)
 
 
 def _stock_matcher(name: Any) -> matcher.Matcher:

@@ -49,6 +49,7 @@ def match(left: NDArray, right: NDArray, matcher: Matcher) -> DisparityMap:
     outside = checks.outside_overlap(disparity, reach_px=reach)
     causes[Reason.OUTSIDE_OVERLAP] = outside | causes.get(Reason.OUTSIDE_OVERLAP, np.False_)
     disparity[outside] = np.nan
+    disparity = subpixel.locked(disparity, matcher.refinement.locking_px)
     disparity = subpixel.quantise(disparity, matcher.refinement.quantum_px)
     causes[Reason.SPECKLE] = checks.speckle(
         disparity,
@@ -146,11 +147,23 @@ def _census_semi_global(
     at_end = (found.best == 0) | (found.best == matcher.search_px - 1)
     causes = {
         Reason.OUTSIDE_OVERLAP: whole > np.arange(left.shape[1]),
-        Reason.AMBIGUOUS: at_end | (found.margin_pct < matcher.checks.uniqueness),
+        Reason.AMBIGUOUS: at_end | _indistinct(found, matcher.checks.uniqueness, engine),
         Reason.LEFT_RIGHT: _left_right(found, matcher),
     }
     disparity = subpixel.refine(whole + found.offset, matcher.refinement, found.bend)
     return disparity, causes
+
+
+def _indistinct(
+    found: semiglobal.Winners, uniqueness: float, engine: CensusSemiGlobal
+) -> NDArray[np.bool_]:
+    """Winners that do not stand out: by percent, or by bits over the second best or beside."""
+    scale = support.COST_SCALE
+    return (
+        (found.margin_pct < uniqueness)
+        | (found.second < round(engine.second_peak * scale))
+        | (found.neighbour < round(engine.neighbour_peak * scale))
+    )
 
 
 def _left_right(found: semiglobal.Winners, matcher: Matcher) -> NDArray[np.bool_]:

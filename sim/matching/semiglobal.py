@@ -30,6 +30,8 @@ class Winners(NamedTuple):
     right_best: NDArray[np.int16]  # The same for the right view, -1 where nothing maps.
     right_offset: NDArray[np.float32]  # And its sub-pixel part, along the same diagonal.
     margin_pct: NDArray[np.float32]  # How much more the second best costs [percent of best].
+    second: NDArray[np.uint16]  # The same in the cost's unit, summed over the paths.
+    neighbour: NDArray[np.uint16]  # How much more the dearer disparity beside the best costs.
 
 
 @nb.njit(inline="always")
@@ -104,7 +106,7 @@ def _parabola(below, at, above):  # pragma: no cover - compiled
 
 @nb.njit(nogil=True, cache=True)
 def _select(
-    total, cost, best_at, offset, bend, right, right_offset, margin, shift
+    total, cost, best_at, offset, bend, right, right_offset, margin, excess, beside, shift
 ):  # pragma: no cover - compiled
     h, w, search = total.shape
     for y in range(h):
@@ -125,6 +127,9 @@ def _select(
             for d in range(best + 2, search):
                 second = min(second, row[d])
             best_at[y, x] = best
+            excess[y, x] = _u16(second - row[best])
+            before, after = row[max(best - 1, 0)], row[min(best + 1, search - 1)]
+            beside[y, x] = _u16(max(before, after) - row[best])
             lowest = np.float32(max(row[best], _u16(1)))
             margin[y, x] = np.float32(100.0) * (np.float32(second) / lowest - np.float32(1.0))
             if 0 < best < search - 1:
@@ -168,6 +173,8 @@ def select(
         right_best=np.full((h, w), -1, np.int16),
         right_offset=np.zeros((h, w), np.float32),
         margin_pct=np.zeros((h, w), np.float32),
+        second=np.zeros((h, w), np.uint16),
+        neighbour=np.zeros((h, w), np.uint16),
     )
     penalties = (_u16(p1), _u16(p2))
     # Plain threads, not a parallel kernel: a barrier for every row stalls on a busy machine.
@@ -202,6 +209,8 @@ def select(
                 found.right_best[part],
                 found.right_offset[part],
                 found.margin_pct[part],
+                found.second[part],
+                found.neighbour[part],
                 shift,
             )
     return found

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim import metrics, scenes, sensor_edits, simulate
+from sim import asked_sensor, metrics, scenes, simulate
 from sim.capture import open_set
 from sim.depth import disparity_from_depth
 from sim.scenes import captured
@@ -13,7 +13,7 @@ from sim.scenes import captured
 def reading(captures):
     """The real frame and the simulated shot of scene 3617 of the D415 set."""
     path = captures / "d415-faro" / "3617"
-    sensor = sensor_edits.asked_for("d415", str(path), ())
+    sensor = asked_sensor.load("d415", captures=str(path))
     shot = simulate.simulate(scenes.load(str(path), sensor), sensor)
     return open_set(path).scenes[0], sensor, shot
 

@@ -271,7 +271,8 @@ def test_match_prints_and_writes(capsys: Capsys, tmp_path: Path, small_set: Path
     assert (out / "a" / "0" / "depth.png").is_file()
     assert not (out / "a" / "0" / "ir_left.png").exists()
     asked = json.loads((out / "starling.json").read_text())["arguments"]
-    assert asked == {"captures": str(small_set), "sensor": "d415", "setting": "fast", "set": []}
+    typed = {"captures": str(small_set), "sensor": "d415", "setting": "fast", "set": []}
+    assert asked == {**typed, "device_preset": None}
     message = _refused("match", out, "--sensor", "d415", capsys=capsys)
     assert "must hold ir_left.png and ir_right.png" in message
     message = _refused("match", small_set, "--sensor", "d415", "--setting", "fats", capsys=capsys)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from patterns.errors import InputError
-from sim import sensor_edits, sensors
+from sim import asked_sensor, sensor_edits, sensors
 from sim.matcher import Block
 from sim.sensor import Imager, Lens, Post, Projector, Sensor
 
@@ -201,7 +201,7 @@ def test_a_pattern_file_is_found_from_elsewhere(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for name, kept in {"dots.png": str(tmp_path / "dots.png"), "d415": "d415"}.items():
-        sensor = sensor_edits.asked_for("d435", "wall", [f"projector.pattern={name}"])
+        sensor = asked_sensor.load("d435", captures="wall", edits=[f"projector.pattern={name}"])
         assert sensor.projector.pattern == kept
 
 

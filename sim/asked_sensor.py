@@ -1,0 +1,65 @@
+"""The sensor that a command asks for: a preset, the captures' geometry, device controls, edits."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Literal
+
+from sim import capture, projector, sensor_edits, sensors
+from sim.progress import Note, unsaid
+from sim.sensor import Sensor
+
+
+def load(
+    name: str,
+    *,
+    captures: str = "",
+    device_preset: str | None = None,
+    emitter: Literal["on", "off"] | None = None,
+    edits: Iterable[str] = (),
+    note: Note = unsaid,
+) -> Sensor:
+    """Load a sensor, give it the geometry of its captures, then controls, then edits.
+
+    A pattern's image file gets its full path, so that the sensor can be used from elsewhere.
+
+    Args:
+        name: preset or sensor file.
+        captures: what it is used on; only a capture set or a scene in it has a geometry.
+        device_preset: a RealSense preset's name or a file of its controls (`sim.realsense`).
+        emitter: switches the projector.
+        edits: see `sim.sensor_edits.apply`.
+        note: is told what the device's controls changed, and what they could not.
+
+    Raises:
+        InputError: whatever is refused on the way.
+    """
+    sensor = sensors.load(name)
+    if capture.is_capture(captures):
+        sensor = capture.open_set(captures).info.geometry_into(sensor)
+    if device_preset is not None or emitter is not None:
+        sensor = _controlled(sensor, device_preset, emitter, note)
+    return _anchored(sensor_edits.apply(sensor, edits))
+
+
+def _controlled(
+    sensor: Sensor, preset: str | None, emitter: Literal["on", "off"] | None, note: Note
+) -> Sensor:
+    from sim import realsense
+
+    if preset is not None:
+        sensor, report = realsense.controlled(sensor, preset)
+        for line in report.lines():
+            note(line)
+    return sensor if emitter is None else realsense.with_emitter(sensor, emitter)
+
+
+def _anchored(sensor: Sensor) -> Sensor:
+    name = sensor.projector.pattern
+    if name in projector.GENERATORS or not Path(name).suffix:
+        return sensor
+    light = dataclasses.replace(sensor.projector, pattern=os.path.abspath(name))
+    return dataclasses.replace(sensor, projector=light)

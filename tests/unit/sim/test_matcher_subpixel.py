@@ -1,0 +1,119 @@
+"""Laws of the sub-pixel effects: the pull to whole pixels, its steps, and what stands out."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim import structure
+from sim.matcher import D4XX, FAST, CensusSemiGlobal, Matcher, Refinement
+from sim.matching import match, subpixel
+from sim.reason import Reason
+
+FINE = replace(D4XX, search_px=32, refinement=replace(D4XX.refinement, quantum_px=0.0))
+
+
+@pytest.fixture(scope="module")
+def slanted() -> tuple[np.ndarray, np.ndarray]:
+    """A textured plane whose disparity falls from 12 to 8 px along the row, 8 bits."""
+    rng = np.random.default_rng(3)
+    w, h = 320, 64
+    spectrum = np.fft.rfft2(rng.standard_normal((h, 512)))
+    fy, fx = np.fft.fftfreq(h)[:, None], np.fft.rfftfreq(512)[None]
+    texture = np.fft.irfft2(spectrum * np.exp(-(fx**2 + fy**2) * 60), s=(h, 512))
+    texture = 128 + 40 * texture / texture.std()
+    columns = np.arange(w)
+    disparity = 12 - 4 * columns / w
+    left = np.stack([np.interp(columns + 40, np.arange(512), row) for row in texture])
+    # Right pixel x_r sees the surface point of left column x with x - d(x) = x_r.
+    source = np.interp(columns, columns - disparity, columns)
+    right = np.stack([np.interp(source + 40, np.arange(512), row) for row in texture])
+    return np.clip(left, 0, 255).astype(np.uint8), np.clip(right, 0, 255).astype(np.uint8)
+
+
+@given(amplitude=st.floats(-0.15, 0.15), start=st.floats(0, 90))
+def test_locking_has_the_set_amplitude_and_the_period_of_a_pixel(amplitude, start):
+    """Error = -a sin(2 pi d) over six pixels of disparity.
+
+    Does not prove that a real fit's error is a pure sine; only that ours is.
+    """
+    true_px = (start + np.arange(0, 6, 1 / 64)).astype(np.float32)[None]
+    error = subpixel.locked(true_px, amplitude) - true_px
+    expected = -amplitude * np.sin(2 * np.pi * true_px.astype(float))
+    np.testing.assert_allclose(error, expected, atol=3e-5)
+    np.testing.assert_allclose(error[:, 64:], error[:, :-64], atol=3e-5)
+
+
+@given(amplitude=st.floats(-0.15, 0.15))
+def test_locking_keeps_the_order_of_disparities(amplitude):
+    true_px = np.arange(0, 4, 1 / 256, dtype=np.float32)[None]
+    assert (np.diff(subpixel.locked(true_px, amplitude)) > 0).all()
+
+
+def test_neutral_values_return_the_array_itself():
+    values = np.array([[1.3, np.nan]], np.float32)
+    assert subpixel.locked(values, 0.0) is values
+    assert subpixel.quantise(values, 0.0) is values
+    assert subpixel.refine(values, Refinement()) is values
+
+
+def test_locking_stands_in_the_matcher_s_result_in_full(slanted):
+    """On matched images: with and without differ by -a sin(2 pi d) at every valid pixel.
+
+    Does not prove that the matcher's own, unset non-linearity is small: `benchmarks/physics.py`.
+    """
+    plain = match(slanted[0], slanted[1], FINE)
+    pulled = match(
+        slanted[0], slanted[1], replace(FINE, refinement=replace(FINE.refinement, locking_px=0.1))
+    )
+    np.testing.assert_array_equal(plain.valid, pulled.valid)
+    found = plain.disparity_px[plain.valid].astype(float)
+    assert found.size > 10_000 and np.ptp(found) > 2.5
+    error = pulled.disparity_px[plain.valid] - found
+    np.testing.assert_allclose(error, -0.1 * np.sin(2 * np.pi * found), atol=1e-5)
+
+
+@pytest.mark.parametrize("quantum", [1 / 32, 1 / 8, 0.5])
+def test_disparities_come_in_steps_and_move_by_half_a_step_at_most(slanted, quantum):
+    """Holds for a matched slanted plane; says nothing of the steps of depth, which post makes."""
+    plain = match(slanted[0], slanted[1], FINE)
+    stepped = match(
+        slanted[0],
+        slanted[1],
+        replace(FINE, refinement=replace(FINE.refinement, quantum_px=quantum)),
+    )
+    both = plain.valid & stepped.valid
+    steps = stepped.disparity_px[both] / quantum
+    np.testing.assert_array_equal(steps, np.rint(steps))
+    moved = np.abs(stepped.disparity_px[both] - plain.disparity_px[both])
+    assert 0.45 * quantum < moved.max() <= quantum / 2 + 1e-5
+    assert len(np.unique(steps)) >= 3 / quantum
+
+
+@pytest.mark.parametrize("field", ["second_peak", "neighbour_peak"])
+def test_winners_must_stand_out_by_bits(slanted, field):
+    """A higher threshold refuses a superset, as AMBIGUOUS, and 0 refuses nothing by itself."""
+    refused = []
+    for bits in (0.0, 20.0, 60.0, 1000.0):
+        setting = replace(FINE, engine=structure.edit(CensusSemiGlobal(), field, bits))
+        found = match(slanted[0], slanted[1], setting)
+        refused.append(found.reason == Reason.AMBIGUOUS)
+    shares = [mask[:, 40:].mean() for mask in refused]
+    assert shares[0] < 0.01 and shares[3] > 0.99
+    assert shares == sorted(shares) and shares[2] > shares[0]
+    for less, more in itertools.pairwise(refused):
+        assert not (less & ~more).any()
+
+
+def test_opencv_s_engine_is_pulled_and_stepped_too(slanted):
+    fast: Matcher = replace(FAST, search_px=32)
+    plain = match(slanted[0], slanted[1], fast)
+    pulled = match(slanted[0], slanted[1], replace(fast, refinement=Refinement(locking_px=0.1)))
+    found = plain.disparity_px[plain.valid].astype(float)
+    error = pulled.disparity_px[plain.valid] - found
+    np.testing.assert_allclose(error, -0.1 * np.sin(2 * np.pi * found), atol=1e-5)
