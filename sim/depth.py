@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from patterns import errors
 from sim.reason import Reason, first_cause
 from sim.sensor import Sensor
+
+if TYPE_CHECKING:  # Loads a compiler.
+    from sim.post.temporal import History
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -20,6 +24,7 @@ class DepthMap:
     depth_m: NDArray[np.float32]  # z along the optical axis.
     valid: NDArray[np.bool_]
     reason: NDArray[np.uint32]  # Codes of `sim.reason.Reason`; 0 exactly where valid.
+    history: History | None = None  # For the temporal filter at the next frame; None without it.
 
 
 def depth_from_disparity(
@@ -46,9 +51,11 @@ def depth_from_disparity(
     """
     errors.positive("focal_px", focal_px)
     errors.positive("baseline_m", baseline_m)
+    disparity = np.asarray(disparity_px, np.float32)
     with np.errstate(divide="ignore", invalid="ignore"):
-        depth = np.float32(focal_px * baseline_m) / np.asarray(disparity_px, np.float32)
-    return np.where(np.asarray(disparity_px) > 0, depth, np.float32(np.nan))
+        depth = np.asarray(np.float32(focal_px * baseline_m) / disparity)
+    np.putmask(depth, ~(disparity > 0), np.nan)  # In place: fresh memory is what costs here.
+    return depth
 
 
 def disparity_from_depth(
@@ -73,34 +80,42 @@ def from_code(code: NDArray[np.uint16], depth_unit_m: float) -> NDArray[np.float
 
 
 def measure(
-    ir_left: NDArray, ir_right: NDArray, sensor: Sensor, *, causes: dict[Reason, NDArray[np.bool_]]
+    ir_left: NDArray,
+    ir_right: NDArray,
+    sensor: Sensor,
+    *,
+    causes: dict[Reason, NDArray[np.bool_]],
+    past: History | None = None,
 ) -> DepthMap:
-    """Match an infrared pair and triangulate.
+    """Match an infrared pair, triangulate and post-process.
 
     Args:
         ir_left: (h, w) uint8 or uint16.
         ir_right: likewise, rectified; for structured light the stored reference.
-        sensor: its matcher, geometry and range.
+        sensor: its matcher, geometry and post-processing.
         causes: masks (h, w) of what else is known to keep a pixel from having depth. They name
-            the reason where the matcher found nothing; they remove nothing.
+            the reason where there is none; they remove nothing.
+        past: `history` of the depth map before, which the temporal filter goes on from.
+
+    Raises:
+        InputError: if the pair cannot be matched or `past` is of another size.
     """
     from sim.matching import match  # Loads compilers that only matching needs.
+    from sim.post import chain
 
     found = match(ir_left, ir_right, sensor.matcher)
-    depth = depth_from_disparity(
-        found.disparity_px, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
-    )
-    post = sensor.post
-    in_range = (depth >= post.near_m) & (depth <= post.far_m) & (depth < 65535 * post.depth_unit_m)
-    valid = found.valid & in_range
     own = {Reason(code): found.reason == code for code in np.unique(found.reason) if code}
     # What is known of the scene goes before what the matcher supposes of it.
-    reason = first_cause(valid, own | causes | {Reason.OUT_OF_RANGE: found.valid & ~in_range})
+    reason = first_cause(found.valid, own | causes)
     unexplained = reason == Reason.UNKNOWN
     reason[unexplained] = found.reason[unexplained]
-    return DepthMap(
-        disparity_px=np.where(valid, found.disparity_px, np.float32(np.nan)),
-        depth_m=np.where(valid, depth, np.float32(np.nan)),
-        valid=valid,
+    disparity = np.where(found.valid, found.disparity_px, np.float32(np.nan))
+    raw = DepthMap(
+        disparity_px=disparity,
+        depth_m=depth_from_disparity(
+            disparity, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
+        ),
+        valid=found.valid,
         reason=reason,
     )
+    return chain.process(raw, sensor, causes=causes, past=past)
