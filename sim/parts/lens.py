@@ -12,10 +12,10 @@ class Lens:
     """Lens and band-pass filter. The defaults of what departs from ideal are neutral."""
 
     f_number: float = 2.0  # Aperture number.
-    transmission: float = 1.0  # Of lens and filter at the laser's wavelength, on the axis.
+    transmission: float = 1.0  # Of lens and filter on the axis, at the middle of the band.
     blur_px: float = 0.0  # Sigma of the Gaussian spot [px].
     corner_blur_px: float = 0.0  # Sigma added in quadrature at half the diagonal, as radius [px].
-    defocus_px_m: float = 0.0  # Sigma [px] per difference of |1/z - 1/focus_m| [1/m].
+    defocus_px_m: float = 0.0  # Sigma [px] per |1/z - 1/focus_m| [1/m]: f^2 / (4 N pitch).
     focus_m: float = 1.0  # Distance in focus [m].
     vignetting: float = 0.0  # Exponent n of cos^n of the angle off the axis; nature's is 4.
     filter_width_nm: float = 0.0  # Band-pass, full width at half maximum [nm]; 0 is no filter.
@@ -43,8 +43,9 @@ class Lens:
 class Alignment:
     """What rectification leaves over: where the image of a point lands, off from where it should.
 
-    Positive offsets move the image right and down. Angles turn the imager about its own axes
-    (OpenCV frame: pitch about x, yaw about y, roll about z).
+    Positive offsets move the image right and down. Angles turn the imager about its own axes by
+    the right-hand rule (OpenCV frame: pitch about x, yaw about y, roll about z): it looks up, looks
+    right, and turns clockwise; so its image moves down, left, and turns counter-clockwise.
     """
 
     offset_x_px: float = 0.0  # [px]
@@ -53,7 +54,7 @@ class Alignment:
     pitch_deg: float = 0.0  # [deg]
     yaw_deg: float = 0.0  # [deg]
     magnification: float = 1.0  # Focal length over what the intrinsics say.
-    distortion_px: float = 0.0  # Radial shift left at half the diagonal, cubic inwards [px].
+    distortion_px: float = 0.0  # Shift outwards at half the diagonal, cubic in the radius [px].
 
     def __post_init__(self) -> None:
         for name in ("offset_x_px", "offset_y_px", "distortion_px"):

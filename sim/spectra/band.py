@@ -3,10 +3,11 @@
 A scene's ambient light is one number, counted at the laser's wavelength. Here it is had from a
 light's spectrum E by
 
-    E_0 = integral of E(l) T(l) Q(l) l dl / (T(l_0) Q(l_0) l_0)
+    E_0 = integral of E(l) T(l) Q(l) l dl / (Q(l_0) l_0)
 
-with the filter's transmission T, silicon's quantum efficiency Q and the laser's line l_0: photons
-are counted, so each watt weighs with its wavelength (EMVA Standard 1288, release 4.0, eq. 2).
+with the filter's transmission T over its peak, silicon's quantum efficiency Q and the laser's line
+l_0: photons are counted, so each watt weighs with its wavelength (EMVA Standard 1288, release 4.0,
+eq. 2). What a laser off the filter's centre loses is the optics' own (`laser_transmission`).
 """
 
 from __future__ import annotations
@@ -66,13 +67,13 @@ class Band:
         )
 
     def _per_watt(self, wavelength_nm: Spectrum) -> Spectrum:
-        seen = silicon.absorbed(wavelength_nm, self.epitaxy_um)
-        return self._transmission(wavelength_nm) * seen * wavelength_nm
+        return silicon.absorbed(wavelength_nm, self.epitaxy_um) * wavelength_nm
 
     @property
     def response(self) -> Spectrum:
-        """Electrons a watt on `GRID_NM` (1441,), over those at the laser's line."""
-        return self._per_watt(GRID_NM) / self._per_watt(np.array([self.wavelength_nm]))
+        """Electrons a watt on `GRID_NM` (1441,), over those at the laser's line unfiltered."""
+        unfiltered = self._per_watt(GRID_NM) / self._per_watt(np.array([self.wavelength_nm]))
+        return self._transmission(GRID_NM) * unfiltered
 
 
 def in_band_irradiance(spectrum: Spectrum, band: Band) -> float:

@@ -1,0 +1,161 @@
+"""The effect table as a whole: every row is settable, neutral where it says so, and documented."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from patterns.errors import InputError
+from sim import effects, sensors
+from sim.effects import Effect, Parameter, Stage, listing, setting
+from sim.scenes import builtin
+from sim.sensor import Colour, Sensor
+
+ROWS = effects.table()
+NUMBERS = [(row, parameter) for row in ROWS for parameter in row.parameters]
+
+
+def _sensor() -> Sensor:
+    """A sensor that has every part, so that every row has something to move."""
+    colour = Colour(width=64, height=48, fx_px=60, fy_px=60, cx_px=32, cy_px=24)
+    return dataclasses.replace(sensors.load("d435"), colour=colour)
+
+
+def _name(case: Any) -> str:
+    return case.name if isinstance(case, Effect | Parameter) else str(case)
+
+
+def test_the_table_is_wide_enough() -> None:
+    assert len(ROWS) >= 35
+    assert len({row.family for row in ROWS}) >= 20
+    assert {row.stage for row in ROWS} == set(Stage)
+
+
+def test_names_are_unique_and_the_order_is_the_chain() -> None:
+    names = [row.name for row in ROWS]
+    assert len(names) == len(set(names))
+    order = list(Stage)
+    places = [order.index(row.stage) for row in ROWS]
+    assert places == sorted(places)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=_name)
+def test_every_row_says_what_it_is(row: Effect) -> None:
+    assert row.family
+    for said in (row.imitates, row.law, row.shows, row.source):
+        assert len(said) > 5
+    known = {other.name for other in ROWS} - {row.name}
+    assert set(row.confused_with) <= known
+    parameters = [parameter.name for parameter in row.parameters]
+    assert parameters and len(parameters) == len(set(parameters))
+
+
+@pytest.mark.parametrize(("row", "parameter"), NUMBERS, ids=_name)
+def test_every_value_of_the_range_is_admitted(row: Effect, parameter: Parameter) -> None:
+    sensor, scene = _sensor(), builtin.wall()
+    if parameter.choices:
+        values = list(parameter.choices)
+        assert parameter.low is None and parameter.high is None
+    else:
+        assert parameter.low is not None and parameter.high is not None
+        assert parameter.low < parameter.high
+        values = [parameter.low, parameter.high]
+    if parameter.neutral is not None:
+        values.append(parameter.neutral)
+    for value in values:
+        moved = setting.apply(sensor, scene, {f"{row.name}.{parameter.name}": value})
+        assert setting.value(parameter, *moved) == value
+
+
+@pytest.mark.parametrize(("row", "parameter"), NUMBERS, ids=_name)
+def test_a_row_moves_something(row: Effect, parameter: Parameter) -> None:
+    sensor, scene = setting.ideal(_sensor(), builtin.wall())
+    base = setting.value(parameter, sensor, scene)
+    ends = parameter.choices or (parameter.low, parameter.high)
+    other = next(value for value in ends if value != base)
+    assert other is not None
+    moved = setting.apply(sensor, scene, {f"{row.name}.{parameter.name}": other})
+    assert setting.value(parameter, *moved) != base
+    assert (moved[0] != sensor) != (moved[1] is not scene)
+
+
+@given(st.sets(st.sampled_from(NUMBERS), max_size=8))
+def test_neutral_is_the_ideal_sensor(chosen: set[tuple[Effect, Parameter]]) -> None:
+    """Setting any rows to neutral on an ideal camera leaves it as it is."""
+    sensor, scene = setting.ideal(_sensor(), builtin.wall())
+    settings = {
+        f"{row.name}.{parameter.name}": value
+        for row, parameter in chosen
+        if (value := setting.neutral(parameter, sensor, scene)) is not None
+    }
+    moved = setting.apply(sensor, scene, settings)
+    assert moved[0] == sensor
+    for field in dataclasses.fields(scene):
+        if field.name not in ("bodies", "world_from_left"):
+            assert getattr(moved[1], field.name) == getattr(scene, field.name)
+
+
+def test_settings_reach_both_imagers_one_component_and_the_scene() -> None:
+    asked = {"lens_blur": 0.9, "motion.x": 0.2, "vertical_offset": 0.5}
+    sensor, scene = setting.apply(sensors.load("d435"), builtin.wall(), asked)
+    assert sensor.left.lens.blur_px == sensor.right.lens.blur_px == 0.9
+    assert (sensor.left.alignment.offset_y_px, sensor.right.alignment.offset_y_px) == (0, 0.5)
+    assert scene.motion.velocity_m_s == (0.2, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"lens_blurr": 1.0}, "effect must be a known name; got 'lens_blurr'. Known: lens_blur, "),
+        ({"lens_blur.siz": 1.0}, "parameter of lens_blur must be a known name"),
+        ({"lens_blur": 400.0}, r"effect lens_blur: lens.blur_px must be in \[0, 20\]; got 400"),
+        ({"lens_blur": "much"}, "lens_blur.* must be a number; got 'much'. Its unit is px"),
+        ({"hole_filling": "all"}, "hole_filling.* must be one of off, "),
+        ({"quantisation": 9.0}, "quantisation.* must be one of 8, 10, 12, 16; got 9"),
+        ({"speckle_filter": 20.5}, "must be a whole number; got 20.5"),
+        (
+            {"lens_blur": 0.5, "lens_blur." + effects.named("lens_blur").parameters[0].name: 0.6},
+            r"must not set left.lens.blur_px to two values; got 0.5 and 0.6",
+        ),
+        ({"subsurface": 2.0}, r"finish.subsurface_m must be in \[0, 0.05\]; got 2.0. Give metres"),
+    ],
+)
+def test_wrong_settings_are_refused(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        setting.apply(_sensor(), builtin.wall(), settings)
+
+
+@pytest.mark.parametrize("text", ["lens_blur", "=3", "lens_blur="])
+def test_wrong_texts_are_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"--effect must be NAME\[.PARAM\]=VALUE"):
+        setting.parse([text])
+
+
+def test_a_text_may_not_repeat() -> None:
+    with pytest.raises(InputError, match="--effect must name a parameter once; got lens_blur"):
+        setting.parse(["lens_blur=1", "lens_blur=2"])
+    assert setting.parse(["lens_blur=1", "hole_filling=left"]) == {
+        "lens_blur": 1.0,
+        "hole_filling": "left",
+    }
+
+
+def test_the_listing_has_the_keys_that_others_script_against() -> None:
+    rows = json.loads(json.dumps(listing.rows(sensors.load("d435"))))
+    assert [row["name"] for row in rows] == [row.name for row in ROWS]
+    for row in rows:
+        assert {"name", "family", "stage", "rerender", "parameters", "source"} <= set(row)
+        for parameter in row["parameters"]:
+            assert {"name", "neutral", "low", "high", "unit"} <= set(parameter)
+            assert parameter["neutral"] is not None
+    text = listing.text(rows)
+    assert all(f"\n{row.name} " in text for row in ROWS)
+    page = listing.page(listing.rows(sensors.load("d435"), "lens_blur"))
+    assert page.startswith("lens_blur  (optics, family ") and "source: " in page
+    assert np.all([len(line) <= 101 for line in page.splitlines()])
