@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -9,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import patterns
-from patterns import errors
+from patterns import dots, errors, faults
+from sim import randomness
 from sim.sensor import Projector
 
 GENERATORS = {
@@ -18,6 +21,8 @@ GENERATORS = {
     "kinect": patterns.tiled,
     "uniform": patterns.uniform,
 }
+NEAREST_M = 0.1  # Nearer surfaces get no wider dots by defocus.
+_STEP = 1.5  # Variance of one level of `Defocus` over the one before.
 
 
 def half_tangents(projector: Projector) -> tuple[float, float]:
@@ -46,14 +51,66 @@ def irradiance_at_unit_distance(projector: Projector) -> NDArray[np.float32]:
     """Irradiance [W m^-2] that 1 W lays on the plane 1 m in front, perpendicular to the axis.
 
     Returns:
-        (h, w) over the projector's field in tangent coordinates, OpenCV orientation. With
-        `falloff` n the light at angle a from the axis is dimmed by cos^n a; what this takes away
-        is lost, as behind a real lens.
+        (h, w) over the projector's field in tangent coordinates, OpenCV orientation, in focus.
+        With `falloff` n the light at angle a from the axis is dimmed by cos^n a; what this takes
+        away is lost, as behind a real lens. So is the light of dropped dots, and what wider or
+        shifted dots throw out of the field.
+
+    Raises:
+        InputError: if the pattern cannot be had, or has not the dots that are dropped or shifted.
     """
+    return _on_plane(projector, _relative(_faulty(projector), projector.dot_blur_mrad))
+
+
+def as_stored(projector: Projector) -> Projector:
+    """The projector as it was when a structured-light camera's reference was stored.
+
+    What befell the dots later, and how the projector has turned since, is not in the reference:
+    that is what makes such a camera err.
+    """
+    return dataclasses.replace(
+        projector,
+        rotation_deg=(0.0, 0.0, 0.0),
+        dropped_dots=0.0,
+        shifted_dots_mrad=0.0,
+        dot_blur_mrad=0.0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Defocus:
+    """The pattern at growing widths of its dots.
+
+    Level k holds spots of the variance `variance_mrad2` times 1.5^k, so that between two levels
+    a linear mixture has the variance in between, its peak at most 4 % high.
+    """
+
+    levels: NDArray[np.float32]  # (n, h, w) [W m^-2] on the plane at unit distance, from 1 W
+    variance_mrad2: float  # Of a spot in focus.
+    ratio: float = _STEP
+
+
+def defocused(projector: Projector) -> Defocus:
+    """The levels that a projector needs for surfaces from 0.1 m to infinity.
+
+    Raises:
+        InputError: as `irradiance_at_unit_distance`.
+    """
+    source = _faulty(projector)
+    made = pattern(*source[:4])
+    # A drawn image has no narrower spots than its pixels hold.
+    fwhm_mrad = made.fwhm_mrad or 1e3 * dots.NARROWEST_PX / max(made.field.focal_px(made.shape))
+    variance = (dots.SIGMA_PER_FWHM * fwhm_mrad) ** 2 + projector.dot_blur_mrad**2
+    focus = 1 / projector.focus_m
+    widest = projector.defocus_mrad_m * max(focus, 1 / NEAREST_M - focus)
+    count = 2 + int(np.log1p(widest**2 / variance) / np.log(_STEP))
+    blurs = np.sqrt(projector.dot_blur_mrad**2 + variance * (_STEP ** np.arange(count) - 1))
+    levels = [_on_plane(projector, _relative(source, float(blur))) for blur in blurs]
+    return Defocus(levels=np.stack(levels), variance_mrad2=variance)
+
+
+def _on_plane(projector: Projector, relative: NDArray[np.float32]) -> NDArray[np.float32]:
     half_x, half_y = half_tangents(projector)
-    relative = pattern(
-        projector.pattern, projector.fov_x_deg, projector.fov_y_deg, projector.pattern_seed
-    ).image
     scale = np.float32(1 / (4 * half_x * half_y))
     if projector.falloff == 0:
         return relative * scale
@@ -62,3 +119,34 @@ def irradiance_at_unit_distance(projector: Projector) -> NDArray[np.float32]:
     y = (2 * (np.arange(height) + 0.5) / height - 1) * half_y
     cosine = 1 / np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
     return relative * (scale * cosine**projector.falloff).astype(np.float32)
+
+
+_Source = tuple[str, float, float, int, float, float]
+
+
+def _faulty(projector: Projector) -> _Source:
+    """What tells one pattern with its dark and displaced dots from another."""
+    return (
+        projector.pattern,
+        projector.fov_x_deg,
+        projector.fov_y_deg,
+        projector.pattern_seed,
+        projector.dropped_dots,
+        projector.shifted_dots_mrad,
+    )
+
+
+@lru_cache(maxsize=24)
+def _relative(source: _Source, blur_mrad: float) -> NDArray[np.float32]:
+    """Relative irradiance (h, w), read-only; the intact pattern's mean is 1."""
+    name, fov_x_deg, fov_y_deg, seed, dropped, shifted_mrad = source
+    image = faults.irradiance(
+        pattern(name, fov_x_deg, fov_y_deg, seed),
+        dropped=dropped,
+        shifted_mrad=shifted_mrad,
+        widened_mrad=blur_mrad,
+        # The faults belong to the piece of glass, as the pattern does: not to a capture.
+        rng=randomness.generator(seed, 0, "light", "faults of the pattern"),
+    )
+    image.flags.writeable = False
+    return image

@@ -22,7 +22,7 @@ def image(sensor: Sensor) -> Infrared:
     Returns:
         (h, w) in DN, its mean at the level auto exposure aims at.
     """
-    part, imager = sensor.projector, sensor.left
+    part, imager = projector.as_stored(sensor.projector), sensor.left
     fine = _OVERSAMPLING
     u = (np.arange(sensor.width * fine) + 0.5) / fine - 0.5
     v = (np.arange(sensor.height * fine) + 0.5) / fine - 0.5

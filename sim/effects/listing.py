@@ -48,7 +48,7 @@ def text(table: Sequence[Mapping[str, Any]]) -> str:
                 "unit": parameter["unit"],
                 "renders": "anew" if row["rerender"] else "",
             }
-    return texts.render({"effect": lines}).replace("effect ", "", 1)
+    return texts.render(lines)
 
 
 def page(table: Sequence[Mapping[str, Any]]) -> str:

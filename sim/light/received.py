@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim import randomness
 from sim.layers import Image, View
 from sim.scene import Scene
 from sim.sensor import Sensor
@@ -27,11 +28,20 @@ def received(view: View, scene: Scene, sensor: Sensor, *, seed: int, frame: int)
         scene: whose ambient light and interreflection count.
         sensor: whose projector counts.
         seed: of the capture.
-        frame: number in the capture.
+        frame: number in the capture; in each the projector flickers anew, for both imagers alike.
     """
-    power = np.float32(sensor.projector.power_w)
+    power = np.float32(sensor.projector.power_w * _flicker(sensor.projector.flicker, seed, frame))
     laser = view.projector_direct * power
     if scene.interreflection:
         laser = laser + view.projector_indirect * np.float32(power * scene.interreflection)
     rest = view.ambient * np.float32(scene.ambient.irradiance_w_m2) + view.other
     return Received(laser=laser, rest=rest)
+
+
+def _flicker(deviation: float, seed: int, frame: int) -> float:
+    """Power of one frame over its mean: log-normal, as a power is never negative."""
+    if deviation == 0:
+        return 1.0
+    variance = np.log1p(deviation**2)
+    deviate = randomness.generator(seed, frame, "light", "flicker").standard_normal()
+    return float(np.exp(deviate * np.sqrt(variance) - variance / 2))

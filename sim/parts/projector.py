@@ -18,12 +18,14 @@ class Projector:
     fov_x_deg: float = 90.0  # Full horizontal field [deg].
     fov_y_deg: float = 63.0  # Full vertical field [deg].
     pattern: str = "d435"  # A generator's name (see `patterns`) or an image file.
-    pattern_seed: int = 0  # Seed of the generator.
-    dropped_dots: float = 0.0  # Share of the dots that are dark.
+    pattern_seed: int = 0  # Seed of the generator, and of which dots have faults.
+    dropped_dots: float = 0.0  # Share of the dots that are dark; their light is lost.
     shifted_dots_mrad: float = 0.0  # Sigma of the dots' displacement on each axis [mrad].
     dot_blur_mrad: float = 0.0  # Sigma by which dots are wider than the pattern's [mrad].
-    defocus_mrad_m: float = 0.0  # Sigma [mrad] per difference of |1/z - 1/focus_m| [1/m].
-    focus_m: float = 1.0  # Distance at which the projector is in focus [m].
+    # Sigma [mrad] per difference of |1/z - 1/focus_m| [1/m], z along the projector's axis: a
+    # quarter of the width of a uniform aperture [mm]. Surfaces within 0.1 m count as at 0.1 m.
+    defocus_mrad_m: float = 0.0
+    focus_m: float = 1.0  # Distance in focus, along the axis [m].
     falloff: float = 0.0  # Exponent n of cos^n about the projector's axis; 0 is none.
     speckle_contrast: float = 0.0  # Deviation over mean of the laser's speckle in a pixel.
     flicker: float = 0.0  # Deviation of the power from frame to frame, of its mean.
@@ -41,8 +43,8 @@ class Projector:
         errors.in_interval("projector.dropped_dots", self.dropped_dots, 0.0, 0.99)
         errors.in_interval("projector.shifted_dots_mrad", self.shifted_dots_mrad, 0.0, 100.0)
         errors.in_interval("projector.dot_blur_mrad", self.dot_blur_mrad, 0.0, 50.0)
-        errors.in_interval("projector.defocus_mrad_m", self.defocus_mrad_m, 0.0, 50.0)
-        errors.in_interval("projector.focus_m", self.focus_m, 0.01, 1e4, "Give the distance [m].")
+        errors.in_interval("projector.defocus_mrad_m", self.defocus_mrad_m, 0.0, 5.0)
+        errors.in_interval("projector.focus_m", self.focus_m, 0.1, 1e4, "Give the distance [m].")
         errors.in_interval("projector.falloff", self.falloff, 0.0, 20.0)
         errors.in_interval(
             "projector.speckle_contrast", self.speckle_contrast, 0.0, 1.0, "1 is one laser mode."

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 
@@ -33,6 +34,101 @@ def test_falloff_takes_light_from_the_edge_only():
     assert ratio[rows // 2, columns // 2] == pytest.approx(1.0, abs=1e-4)
     assert ratio.max() <= 1 + 1e-6
     assert ratio[rows // 2, 0] == pytest.approx(np.cos(np.deg2rad(45)) ** 3, rel=0.01)
+
+
+def test_neutral_light_is_the_patterns_own_bits():
+    part = Projector()
+    image = projector.pattern(part.pattern, part.fov_x_deg, part.fov_y_deg, 0).image
+    half_x, half_y = projector.half_tangents(part)
+    scale = np.float32(1 / (4 * half_x * half_y))
+    assert np.array_equal(projector.irradiance_at_unit_distance(part), image * scale)
+
+
+def test_faults_belong_to_the_pattern_and_its_seed():
+    worn = Projector(dropped_dots=0.3, shifted_dots_mrad=2.0, fov_x_deg=60.0, fov_y_deg=40.0)
+    first, again, other = (
+        projector.irradiance_at_unit_distance(dataclasses.replace(worn, pattern_seed=seed))
+        for seed in (0, 0, 1)
+    )
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_dropped_dots_take_their_share_of_the_power():
+    """Mean irradiance falls by the dark dots' share of all dots, to 4 deviations."""
+    whole, worn = (
+        projector.irradiance_at_unit_distance(Projector(dropped_dots=share)).mean(dtype=np.float64)
+        for share in (0.0, 0.3)
+    )
+    made = projector.pattern("d435", 90.0, 63.0, 0)
+    assert made.dots is not None and made.background is not None
+    power = made.dots[:, 2]
+    deviation = np.sqrt(0.3 * 0.7 * (power**2).sum()) / power.sum()
+    lost = (1 - worn / whole) / (1 - made.background)
+    assert lost == pytest.approx(0.3, abs=4 * deviation)
+
+
+def test_the_stored_projector_has_no_faults_and_stands_as_it_should():
+    worn = Projector(
+        dropped_dots=0.1,
+        shifted_dots_mrad=1.0,
+        dot_blur_mrad=1.0,
+        rotation_deg=(0.1, 0.2, 0.3),
+        pattern_seed=4,
+        falloff=2.0,
+    )
+    assert projector.as_stored(worn) == Projector(pattern_seed=4, falloff=2.0)
+
+
+@pytest.mark.parametrize("name", ["d415", "image"])
+def test_defocus_has_levels_of_growing_width(tmp_path, name):
+    """The first is the pattern in focus; each holds the same power, and lower peaks."""
+    if name == "image":
+        name = str(tmp_path / "dots.png")
+        image = np.zeros((400, 600), np.uint8)
+        image[20::40, 20::40] = 255
+        cv2.imwrite(name, image)
+    part = Projector(pattern=name, defocus_mrad_m=1.0, fov_x_deg=60.0, fov_y_deg=40.0)
+    made = projector.defocused(part)
+    in_focus = projector.irradiance_at_unit_distance(part)
+    assert np.array_equal(made.levels[0], in_focus)
+    means = made.levels.mean(axis=(1, 2), dtype=np.float64)
+    np.testing.assert_allclose(means, in_focus.mean(dtype=np.float64), rtol=0.02)
+    peaks = made.levels.max(axis=(1, 2))
+    assert (np.diff(peaks) < 0).all()
+    widest = made.variance_mrad2 * (made.ratio ** (len(peaks) - 1) - 1)
+    assert widest >= (1 / projector.NEAREST_M - 1) ** 2
+
+
+def test_dots_of_an_image_cannot_be_dropped(tmp_path):
+    path = str(tmp_path / "flat.png")
+    cv2.imwrite(path, np.full((64, 64), 9, np.uint8))
+    for part in (
+        Projector(pattern=path, dropped_dots=0.1),
+        Projector(pattern=path, shifted_dots_mrad=0.1),
+    ):
+        with pytest.raises(InputError, match="Take a generated pattern"):
+            projector.irradiance_at_unit_distance(part)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("dropped_dots", 1.0),
+        ("shifted_dots_mrad", -1.0),
+        ("dot_blur_mrad", 51.0),
+        ("defocus_mrad_m", 6.0),
+        ("focus_m", 0.05),
+        ("falloff", 21.0),
+        ("speckle_contrast", 1.1),
+        ("flicker", 0.6),
+        ("wavelength_nm", 0.85),
+        ("power_w", -1.0),
+    ],
+)
+def test_ranges(field, value):
+    with pytest.raises(InputError, match=rf"projector\.{field} must be in"):
+        dataclasses.replace(Projector(), **{field: value})
 
 
 def test_unknown_patterns():

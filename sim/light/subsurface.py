@@ -1,0 +1,109 @@
+"""Light that spreads inside a body before it returns: wax, skin, marble, milky plastic."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import find_objects
+
+from sim.layers import Image
+from sim.scene import Scene
+from sim.sensor import Sensor
+
+_LEAST_PX = 0.5  # A narrower Gaussian is mixed of this one and none: its samples say nothing.
+_STEP = 2**0.5  # From one computed width to the next.
+_COARSE_PX = 8.0  # Wider ones are computed on a smaller image.
+
+
+def spread(
+    light: Image, depth_m: Image, body: NDArray[np.uint32], scene: Scene, sensor: Sensor
+) -> Image:
+    """Spread the light of the finish's bodies by a Gaussian fixed in millimetres on the surface.
+
+    Sigma is fx sigma_m / z in pixels, z being a pixel's own depth. Each body keeps its light: the
+    Gaussian is normalised over the body's pixels. The surface is taken to face the imager (on a
+    tilted one the blur is not foreshortened), and a body's parts at different depths, one behind
+    the other, mix.
+
+    Args:
+        light: (h, w) radiance, of the projector alone where only its dots are to spread.
+        depth_m: (h, w) as in a `View`.
+        body: (h, w) as in a `View`: numbers from 1 in the order of bodies.
+        scene: whose finish says which bodies and how far.
+        sensor: whose focal lengths count.
+
+    Returns:
+        The spread light; the input itself where nothing spreads.
+
+    Source: the dipole's exponential profile (Jensen et al., A practical model for subsurface
+    light transport, 2001, eq. 4), replaced by a Gaussian of the same second moment.
+    """
+    finish = scene.finish
+    if finish.subsurface_m == 0:
+        return light
+    windows = find_objects(body.astype(np.int32), max_label=len(scene.bodies))
+    out = light
+    for number, (part, window) in enumerate(zip(scene.bodies, windows, strict=True), start=1):
+        if window is None or not finish.touches(part.name):
+            continue
+        out = light.copy() if out is light else out
+        inside = body[window] == number
+        sigma_px = np.float32(sensor.fx_px * finish.subsurface_m) / depth_m[window]
+        blurred = _spread(light[window], inside, sigma_px, sensor.fy_px / sensor.fx_px)
+        out[window][inside] = blurred[inside]
+    return out
+
+
+def _spread(light: Image, inside: NDArray[np.bool_], sigma_px: Image, aspect: float) -> Image:
+    """Mix Gaussians of fixed widths so that each pixel's variance is that of its sigma."""
+    widths = _widths(float(sigma_px[inside].min()), float(sigma_px[inside].max()))
+    weight = inside.astype(np.float32)
+    layers = [_normalised(light * weight, weight, width, aspect) for width in widths]
+    out = layers[0]
+    for low, high, narrow, wide in zip(widths, widths[1:], layers, layers[1:], strict=False):
+        share = (sigma_px**2 - np.float32(low**2)) / np.float32(high**2 - low**2)
+        out = np.where(sigma_px > low, narrow + np.clip(share, 0, 1) * (wide - narrow), out)
+    return out
+
+
+def _widths(least: float, most: float) -> list[float]:
+    """Sigmas [px] to compute, from one not above the least wanted to one not below the most."""
+    widths = [0.0, _LEAST_PX] if least < _LEAST_PX else [least]
+    start = widths[-1]
+    count = int(np.ceil(np.log(max(most / start, 1)) / np.log(_STEP)))
+    return [*widths, *(start * (most / start) ** (i / count) for i in range(1, count + 1))]
+
+
+def _normalised(light: Image, weight: Image, sigma_px: float, aspect: float) -> Image:
+    """Gaussian mean over the pixels of weight 1."""
+    if sigma_px == 0:
+        return light
+    total, share = (_gaussian(image, sigma_px, aspect) for image in (light, weight))
+    return np.asarray(total / np.maximum(share, np.float32(1e-6)), np.float32)
+
+
+def _gaussian(image: Image, sigma_px: float, aspect: float) -> Image:
+    """Gaussian blur with nothing beyond the border; wide ones on a smaller image."""
+    if sigma_px <= _COARSE_PX:
+        return _blurred(image, sigma_px, aspect)
+    shrink = int(2 * sigma_px / _COARSE_PX)
+    rows, columns = image.shape
+    padded = np.pad(
+        image, ((shrink, 2 * shrink - rows % shrink), (shrink, 2 * shrink - columns % shrink))
+    )
+    size = padded.shape[::-1]
+    small = cv2.resize(padded, (size[0] // shrink, size[1] // shrink), interpolation=cv2.INTER_AREA)
+    # Shrinking (a box) and enlarging (a triangle) add to the variance themselves.
+    own = float(np.sqrt(sigma_px**2 - shrink**2 / 4)) / shrink
+    large = cv2.resize(
+        _blurred(np.asarray(small, np.float32), own, aspect), size, interpolation=cv2.INTER_LINEAR
+    )
+    return np.asarray(large[shrink : shrink + rows, shrink : shrink + columns], np.float32)
+
+
+def _blurred(image: Image, sigma_px: float, aspect: float) -> Image:
+    blurred = cv2.GaussianBlur(
+        image, (0, 0), sigma_px, sigmaY=sigma_px * aspect, borderType=cv2.BORDER_CONSTANT
+    )
+    return np.asarray(blurred, np.float32)
