@@ -6,15 +6,12 @@ Exit codes: 0 done, 1 refused (one line on standard error), 2 bad flags.
 from __future__ import annotations
 
 import os
-import signal
 import sys
-import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 from tyro.conf import (
@@ -26,7 +23,8 @@ from tyro.conf import (
     arg,
 )
 
-from patterns.errors import InputError, refuse
+from patterns.errors import refuse
+from sim import shell
 
 _app = tyro.extras.SubcommandApp()
 
@@ -77,7 +75,7 @@ def doctor(*, common: _Common = Common()) -> None:
     """
     from sim import backend
 
-    _say(backend.report(), common)
+    shell.say(backend.report(), json=common.json)
 
 
 @_app.command
@@ -100,12 +98,12 @@ def sensors(
     from sim import structure
 
     if action == "list":
-        _say(presets.summary(), common)
+        shell.say(presets.summary(), json=common.json)
         return
     if not name:
         raise refuse("name", "must be given", "nothing", f"Known: {', '.join(presets.names())}.")
     sensor = presets.load(name)
-    _say(structure.to_table(sensor), common, lambda _: presets.text(name))
+    shell.say(structure.to_table(sensor), json=common.json, as_text=lambda _: presets.text(name))
 
 
 @_app.command
@@ -132,7 +130,7 @@ def effects(
     if action == "show" and not name:
         raise refuse("name", "must be given", "nothing", "See `starling effects`.")
     rows = listing.rows(presets.load(sensor), name)
-    _say(rows, common, listing.text if action == "list" else listing.page)
+    shell.say(rows, json=common.json, as_text=listing.text if action == "list" else listing.page)
 
 
 @_app.command
@@ -200,7 +198,7 @@ def simulate(
             },
             tell=tell,
         )
-    _say(result, common)
+    shell.say(result, json=common.json)
 
 
 @_app.command
@@ -253,7 +251,7 @@ def match(
             },
             tell=tell,
         )
-    _say(result, common)
+    shell.say(result, json=common.json)
 
 
 @_app.command
@@ -272,7 +270,7 @@ def compare(real: Positional[str], sim: Positional[str], *, common: _Common = Co
 
     with progress.on_stderr() as tell:
         result = comparison.compare(capture.open_set(real), capture.open_set(sim), tell=tell)
-    _say(result, common)
+    shell.say(result, json=common.json)
 
 
 @_app.command
@@ -303,7 +301,7 @@ def show(
         result = show_captures.show_captures(
             captures, out, against=against or None, frame=frame, force=force, tell=tell
         )
-    _say(result, common)
+    shell.say(result, json=common.json)
 
 
 @_app.command
@@ -331,7 +329,7 @@ def atlas(
 
     with progress.on_stderr() as tell:
         result = drawing.atlas(out, asked_sensor.load(sensor), names=names, force=force, tell=tell)
-    _say(result, common)
+    shell.say(result, json=common.json)
 
 
 @_app.command
@@ -345,15 +343,15 @@ def bench(*, common: _Common = Common()) -> None:
 
     with progress.on_stderr() as tell:
         result = benchmark.bench(tell=tell)
-    _say(result, common)
+    shell.say(result, json=common.json)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
-        with _termination_as_exit(), warnings.catch_warnings():
-            warnings.showwarning = _warn
+        with shell.termination_as_exit(), warnings.catch_warnings():
+            warnings.showwarning = shell.warn
             _app.cli(
                 args=arguments,
                 prog="starling",
@@ -371,7 +369,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if "--debug" in arguments:
             raise
-        print(_line(error), file=sys.stderr)
+        print(shell.line_of(error), file=sys.stderr)
         return 1
     return 0
 
@@ -379,43 +377,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 _DESCRIPTION = """Starling simulates active-stereo depth cameras from the light up.
 
 Example: starling simulate tabletop --sensor d435 --out out/tabletop"""
-
-
-@contextmanager
-def _termination_as_exit() -> Iterator[None]:
-    """Let a process that is told to end clean up, so that nothing half-written stays."""
-    if threading.current_thread() is not threading.main_thread():  # Only that one gets signals.
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-def _say(value: Any, common: Common, as_text: Callable[[Any], str] | None = None) -> None:
-    from sim import record, text
-
-    said = record.dumps(value) if common.json else (as_text or text.render)(value)
-    print(said.rstrip("\n"))
-
-
-def _line(error: Exception) -> str:
-    """One line for standard error."""
-    from sim.backend import BackendError
-
-    message = " ".join(str(error).split())
-    if isinstance(error, (InputError, BackendError)):
-        return f"starling: {message}"
-    return (
-        f"starling: an error of starling itself, {type(error).__name__}: {message}. "
-        "Run again with --debug and report what it prints."
-    )
-
-
-def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
-    print(f"starling: warning: {message}", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,8 @@ from sim.sensor import Sensor
 if TYPE_CHECKING:  # Loads a compiler.
     from sim.post.temporal import History
 
+_MATCHED_BITS = 10
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DepthMap:
@@ -79,6 +81,12 @@ def from_code(code: NDArray[np.uint16], depth_unit_m: float) -> NDArray[np.float
     return np.where(code > 0, depth, np.float32(np.nan))
 
 
+def _readable(infrared: NDArray, sensor: Sensor) -> NDArray:
+    """Leave out the bits that an ideal converter has beyond those that matchers read."""
+    excess = sensor.left.bit_depth - _MATCHED_BITS
+    return infrared if infrared.dtype == np.uint8 or excess <= 0 else infrared >> excess
+
+
 def measure(
     ir_left: NDArray,
     ir_right: NDArray,
@@ -90,7 +98,7 @@ def measure(
     """Match an infrared pair, triangulate and post-process.
 
     Args:
-        ir_left: (h, w) uint8 or uint16.
+        ir_left: (h, w) uint8, or uint16 of as many bits as the sensor's left imager has.
         ir_right: likewise, rectified; for structured light the stored reference.
         sensor: its matcher, geometry and post-processing.
         causes: masks (h, w) of what else is known to keep a pixel from having depth. They name
@@ -103,7 +111,7 @@ def measure(
     from sim.matching import match  # Loads compilers that only matching needs.
     from sim.post import chain
 
-    found = match(ir_left, ir_right, sensor.matcher)
+    found = match(_readable(ir_left, sensor), _readable(ir_right, sensor), sensor.matcher)
     own = {Reason(code): found.reason == code for code in np.unique(found.reason) if code}
     # What is known of the scene goes before what the matcher supposes of it.
     reason = first_cause(found.valid, own | causes)

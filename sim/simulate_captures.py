@@ -63,7 +63,7 @@ def simulate_captures(
 ) -> dict[str, Any]:
     """Simulate one scene or every scene of a capture set and write a capture set.
 
-    A sensor with the geometry of captured scenes (see `sim.sensor_edits.asked_for`) makes
+    A sensor with the geometry of captured scenes (see `sim.asked_sensor`) makes
     images that can be compared with the real ones pixel by pixel.
 
     Args:

@@ -1,7 +1,312 @@
-"""Rows of the effect table: what acts on the imager stage."""
+"""Rows of the effect table: what acts on the imager stage.
+
+What "shows" gives are figures of the tabletop scene on a D435 (8 bits, 39 electrons a step).
+"""
 
 from __future__ import annotations
 
-from sim.effects.effect import Effect
+from sim.effects.effect import Effect, Parameter, Stage
 
-ROWS: tuple[Effect, ...] = ()
+_EMVA = "EMVA Standard 1288, release 4.0"
+_IMX900 = "Sony IMX900 (global shutter, 2.25 um; EMVA report by FRAMOS)"
+_OV9281 = "driver of the OV9282 (Linux, drivers/media/i2c/ov9282.c)"
+
+
+def _one(
+    name: str, field: str, unit: str, neutral: float | None, low: float, high: float
+) -> tuple[Parameter]:
+    """Return the parameter that moves one field of both imagers."""
+    path = (f"imager.{field}",)
+    return (Parameter(name=name, paths=path, unit=unit, neutral=neutral, low=low, high=high),)
+
+
+_EXPOSURE = Effect(
+    name="exposure",
+    family="signal_gain",
+    stage=Stage.IMAGER,
+    parameters=_one("time_s", "exposure_s", "s", None, 5e-4, 33e-3),
+    imitates="A fixed integration time that is not the one assumed.",
+    law="electrons = rate t; with auto exposure on, nothing: the control chooses the time",
+    shows="All levels above black scale, noise by its root: at 2 ms instead of 8.5 ms the mean "
+    "falls from 32 to 11 DN and temporal disparity noise rises from 0.09 to 0.13 px; at 33 ms 4 % "
+    "of the pixels are full. Few holes either way until dots are full or lost.",
+    confused_with=("gain", "auto_exposure", "saturation", "projector_power"),
+    source="8.5 ms and 33 ms: librealsense presets.cpp; 1 frame at 30 Hz at most",
+)
+
+_GAIN = Effect(
+    name="gain",
+    family="signal_gain",
+    stage=Stage.IMAGER,
+    parameters=_one("factor", "gain", "1", None, 1.0, 15.5),
+    imitates="Analog gain: more DN for an electron, noise included.",
+    law="DN = gain electrons ceiling / full well + black level",
+    shows="With auto exposure the mean stays and the noise grows: at 4 temporal noise doubles (1.2 "
+    "to 2.4 DN) and disparity noise goes from 0.07 to 0.09 px, at 15.5 to 0.14 px. Without, dots "
+    "fill: 96 % of the pixels at 15.5, and nearly three quarters of the depth are gone.",
+    confused_with=("exposure", "saturation", "read_noise", "shot_noise"),
+    source=f"Register 16 to 248 over 16 (librealsense presets.cpp; {_OV9281}: 0x10 to 0xff)",
+)
+
+_AUTO_EXPOSURE = Effect(
+    name="auto_exposure",
+    family="signal_gain",
+    stage=Stage.IMAGER,
+    parameters=(
+        *_one("level", "auto_exposure_level", "1", 0.0, 0.05, 0.7),
+        *_one("longest_s", "auto_exposure_max_s", "s", None, 4e-3, 33e-3),
+    ),
+    imitates="A control that sets the integration time by the image's mean; level 0 switches it "
+    "off.",
+    law="t = min((level ceiling - black level) / (mean rate x DN per electron), longest)",
+    shows="The mean level no longer follows power, distance or albedo; one bright thing darkens "
+    "all others. At a level of 0.1 instead of 0.375 the mean is 26 instead of 93 DN, saturation "
+    "goes from 2.9 % to none, disparity noise from 0.066 to 0.091 px. Beyond the longest time: as "
+    "exposure.",
+    confused_with=("exposure", "gain", "saturation"),
+    source="Setpoints 400 and 1536, of 4096 as assumed: librealsense presets.cpp",
+)
+
+_SHOT_NOISE = Effect(
+    name="shot_noise",
+    family="shot_noise",
+    stage=Stage.IMAGER,
+    parameters=_one("share", "shot_noise", "1", 0.0, 0.3, 1.0),
+    imitates="Photons arrive one by one; a share below 1 stands for a device that averages.",
+    law="temporal variance [electrons^2] = share^2 (light + dark electrons)",
+    shows="Temporal deviation grows as the root of the level: slope of variance against mean. "
+    "Without it temporal disparity noise falls from 0.066 to 0.023 px, what is left being read "
+    "noise and the converter. Averages out over frames.",
+    confused_with=("read_noise", "gain", "saturation"),
+    source=f"{_EMVA}, photon transfer; {_IMX900}: 2.5 electrons a step of 12 bits",
+)
+
+_READ_NOISE = Effect(
+    name="read_noise",
+    family="read_noise",
+    stage=Stage.IMAGER,
+    parameters=_one("deviation_e", "read_noise_e", "electrons", 0.0, 1.0, 150.0),
+    imitates="Amplifier and reset noise of each pixel's read-out.",
+    law="temporal variance [electrons^2] = read^2, at every level: intercept of photon transfer",
+    shows="Temporal deviation also where it is black. 5 electrons are an eighth of an 8-bit step "
+    "and not seen; 150 (3.8 DN) give 3.4 DN of temporal noise, disparity noise 0.066 to 0.115 px "
+    "and 0.3 % more holes, first where it is dark. Averages out over frames.",
+    confused_with=("shot_noise", "dsnu", "row_noise", "gain"),
+    source=f"{_EMVA}; {_IMX900}: 5.6 electrons (1.95 at high conversion gain)",
+)
+
+_PRNU = Effect(
+    name="prnu",
+    family="sensitivity_pattern",
+    stage=Stage.IMAGER,
+    parameters=_one("share", "prnu", "1", 0.0, 0.003, 0.1),
+    imitates="Pixels of unequal sensitivity (photo response non-uniformity); the device's own.",
+    law="electrons x (1 + share n), n standard normal for each pixel, from the unit's number",
+    shows="A pattern that stays with the camera in every scene and grows with the level. Disparity "
+    "errors stand still: at 3 % their spread over the image goes from 0.106 to 0.145 px while "
+    "temporal noise does not grow (0.066 to 0.061 px); at 10 % 0.7 % more holes.",
+    confused_with=("dsnu", "column_noise", "laser_speckle"),
+    source=f"{_EMVA}; {_IMX900}: 0.7 to 0.8 %; Sony IMX492 (EMVA report by LUCID): 0.62 %",
+)
+
+_DARK_CURRENT = Effect(
+    name="dark_current",
+    family="dark_current",
+    stage=Stage.IMAGER,
+    parameters=_one("rate_e_s", "dark_current_e_s", "electrons / s", 0.0, 1.0, 1e5),
+    imitates="Electrons that heat frees; doubles every 6 to 8 K.",
+    law="electrons + rate t, with their shot noise",
+    shows="A pedestal that grows with the exposure, and noise in the dark: at 1000 electrons/s and "
+    "28 ms 0.7 DN and nothing in depth; at 100000 the mean rises by 69 DN and disparity noise from "
+    "0.066 to 0.080 px. Auto exposure here meters light alone and does not answer.",
+    confused_with=("black_level", "shot_noise"),
+    source=f"{_EMVA}, dark current; {_IMX900}: 1.5 electrons/s",
+)
+
+_DSNU = Effect(
+    name="dsnu",
+    family="offset_pattern",
+    stage=Stage.IMAGER,
+    parameters=_one("deviation_e", "dsnu_e", "electrons", 0.0, 1.0, 60.0),
+    imitates="Pixels of unequal offset (dark signal non-uniformity); the device's own.",
+    law="electrons + deviation n, n standard normal for each pixel, from the unit's number",
+    shows="A pattern in dark frames that stays with the camera, alike at all levels. 4 electrons "
+    "are not seen at 8 bits; 40 (1 DN) move the standing disparity error from 0.106 to 0.124 px, "
+    "temporal noise not at all.",
+    confused_with=("prnu", "read_noise", "column_noise"),
+    source=f"{_EMVA}; {_IMX900}: 3.7 electrons (1.3 at high conversion gain); IMX492: 0.97",
+)
+
+_COLUMN_NOISE = Effect(
+    name="column_noise",
+    family="column_noise",
+    stage=Stage.IMAGER,
+    parameters=_one("deviation_e", "column_noise_e", "electrons", 0.0, 1.0, 40.0),
+    imitates="Unequal offsets of the column amplifiers; the device's own.",
+    law="electrons + deviation n, n standard normal for each column, from the unit's number",
+    shows="Still vertical stripes in dark parts, different in left and right. The worst offsets "
+    "for a matcher, for they pull at edges across the search: 40 electrons (1 DN) move the "
+    "standing error from 0.106 to 0.179 px and cost 0.3 % of the depth.",
+    confused_with=("dsnu", "prnu", "row_noise"),
+    source=f"{_EMVA}, column variance (release 4.0); range assumed",
+)
+
+_ROW_NOISE = Effect(
+    name="row_noise",
+    family="row_noise",
+    stage=Stage.IMAGER,
+    parameters=_one("deviation_e", "row_noise_e", "electrons", 0.0, 1.0, 40.0),
+    imitates="What a shared reference or supply adds to a row while it is read.",
+    law="electrons + deviation n, n standard normal for each row of each frame",
+    shows="Horizontal lines that jump from frame to frame. 40 electrons (1 DN): temporal noise 1.2 "
+    "to 1.5 DN, 0.26 % more holes, and disparity noise not raised: a row's offset is the "
+    "same along the whole search.",
+    confused_with=("read_noise", "column_noise"),
+    source=f"{_EMVA}, row variance; bands on an OV9282 by its supply (luxonis/depthai-core#740)",
+)
+
+_HOT_PIXELS = Effect(
+    name="hot_pixels",
+    family="hot_pixels",
+    stage=Stage.IMAGER,
+    parameters=_one("share", "hot_pixels", "1", 0.0, 1e-5, 1e-2),
+    imitates="Defect pixels that are always full; the device's own.",
+    law="charge = full well in a fixed random share of the pixels",
+    shows="Single pixels at the ceiling, at the same places in every scene, emitter on or off. At "
+    "0.001 the error's spread goes from 0.106 to 0.111 px, at 0.01 to 0.151 px with 0.2 % more "
+    "holes, in spots of the matcher's window.",
+    confused_with=("dsnu", "saturation"),
+    source=f"{_EMVA}, defect pixels; 1e-5 to 1e-3 is typical, assumed",
+)
+
+_SATURATION = Effect(
+    name="saturation",
+    family="signal_gain",
+    stage=Stage.IMAGER,
+    parameters=_one("full_well_e", "full_well_e", "electrons", None, 2000.0, 50000.0),
+    imitates="A pixel that holds no more electrons, which is also what fills the scale.",
+    law="charge <= full well; DN per electron = gain ceiling / full well",
+    shows="Flat-topped dots where it is near or shiny. A smaller well is a larger gain, exactly: "
+    "with auto exposure 2000 electrons instead of 10000 double the noise (1.2 to 2.7 DN, disparity "
+    "0.066 to 0.10 px) and saturate as much as before.",
+    confused_with=("gain", "exposure", "shot_noise", "blooming"),
+    source=f"{_EMVA}, saturation capacity; {_IMX900}: 9458 electrons (2183 at high conversion "
+    "gain)",
+)
+
+_BLOOMING = Effect(
+    name="blooming",
+    family="blooming",
+    stage=Stage.IMAGER,
+    parameters=_one("share", "blooming", "1", 0.0, 0.02, 0.5),
+    imitates="Charge above the full well that runs along its column.",
+    law="share of the excess leaves, half up, half down, and fills the room it meets; the rest is "
+    "drained",
+    shows="Vertical streaks from full pixels, and nothing else: at 0.3, with 2.9 % of the pixels "
+    "full, 0.9 % more are filled; fill and errors elsewhere do not move.",
+    confused_with=("saturation", "exposure"),
+    source="Janesick, Scientific Charge-Coupled Devices (2001); weak in CMOS pixels, range assumed",
+)
+
+_CROSSTALK = Effect(
+    name="crosstalk",
+    family="crosstalk",
+    stage=Stage.IMAGER,
+    parameters=_one("share", "crosstalk", "1", 0.0, 0.01, 0.3),
+    imitates="Electrons freed deep in the silicon that end in a neighbouring pixel.",
+    law="kernel 1 - c in the middle, c / 4 in four neighbours, before the charge is counted; "
+    "contrast at the finest period x (1 - c)",
+    shows="Dots wider and lower, noise as white as before: that alone parts it from averaging. At "
+    "0.3 disparity noise and fill stay within 3 %. A blur of sqrt(c / 2) px per axis.",
+    confused_with=("lens_blur", "dot_blur", "smoothing"),
+    source="Djite et al., IEEE Trans. Electron Devices 59 (2012) 729; contrast at 900 nm 2 to 3 "
+    "times below that at 550 nm in some sensors (adimec.com, MTF in NIR)",
+)
+
+_SMOOTHING = Effect(
+    name="smoothing",
+    family="smoothing",
+    stage=Stage.IMAGER,
+    parameters=_one("sigma_px", "smoothing_px", "px", 0.0, 0.3, 1.0),
+    imitates="Resampling by the device's own rectification, which averages pixels.",
+    law="Gaussian after the noise; noise variance x 1 / (4 pi sigma^2), correlated by "
+    "exp(-d^2 / (4 sigma^2)); within the code range, as codes are what is averaged",
+    shows="Less noise, but correlated between neighbours, and wider dots that reach the ceiling "
+    "less: at 0.5 px 1.2 becomes 0.76 DN, at 1 px 0.47 DN and saturation 2.9 % becomes 0.1 %; "
+    "disparity noise 0.066 to 0.050 px.",
+    confused_with=("lens_blur", "crosstalk", "shot_noise"),
+    source="Poisson's sum of a Gaussian kernel; D415 captures show less than half the shot noise "
+    "that their levels ask for",
+)
+
+_GAMMA = Effect(
+    name="gamma",
+    family="tone_curve",
+    stage=Stage.IMAGER,
+    parameters=_one("exponent", "gamma", "1", 1.0, 0.8, 2.2),
+    imitates="A tone curve between converter and output.",
+    law="DN = ceiling (signal / ceiling)^(1 / gamma) + black level",
+    shows="Dark parts lifted, bright ones compressed: at 2.2 the mean goes from 93 to 158 DN, and "
+    "temporal noise no longer grows with the level. Variance against mean is no straight line. "
+    "A census hardly sees it: fill and disparity errors stay within 1 %.",
+    confused_with=("black_level", "gain"),
+    source="1.0 where the device streams raw levels; 2.2 is that of displays",
+)
+
+_BLACK_LEVEL = Effect(
+    name="black_level",
+    family="black_level",
+    stage=Stage.IMAGER,
+    parameters=_one("level_dn", "black_level_dn", "DN", 0.0, 1.0, 16.0),
+    imitates="The pedestal that keeps noise about zero representable.",
+    law="DN = signal + level",
+    shows="Darkness reads the level, whatever the exposure; at 0 half of the dark noise is cut "
+    "off. Auto exposure takes it for light: at 16 instead of 4 DN it gives 24.5 instead of "
+    "28.2 ms. Disparity noise within 3 %.",
+    confused_with=("dark_current", "gamma", "veil"),
+    source="4 to 5 DN measured on a D415; Sony IMX900: 240 of 4095",
+)
+
+_QUANTISATION = Effect(
+    name="quantisation",
+    family="quantisation",
+    stage=Stage.IMAGER,
+    parameters=(
+        Parameter(
+            name="bits",
+            paths=("imager.bit_depth",),
+            unit="bit",
+            neutral=16,
+            choices=(8, 10, 12, 16),
+        ),
+    ),
+    imitates="A converter of few bits, or a stream cut to 8.",
+    law="whole codes; step = full well / (gain (2^bits - 1)), variance step^2 / 12 where noise "
+    "exceeds a third of a step",
+    shows="A comb in the histogram, and noise of 0.29 of a step that stands still where other "
+    "noise is below a third of a step. From 8 to 10 bits disparity noise goes from 0.066 to "
+    "0.064 px: hidden by shot noise in all but the dark.",
+    confused_with=("read_noise",),
+    source="Y8 infrared stream of the D4xx; OV9282: 8 or 10 bits (Linux driver); Kinect v1: 10",
+)
+
+ROWS: tuple[Effect, ...] = (
+    _EXPOSURE,
+    _GAIN,
+    _AUTO_EXPOSURE,
+    _CROSSTALK,
+    _PRNU,
+    _DARK_CURRENT,
+    _SHOT_NOISE,
+    _READ_NOISE,
+    _DSNU,
+    _COLUMN_NOISE,
+    _ROW_NOISE,
+    _HOT_PIXELS,
+    _SATURATION,
+    _BLOOMING,
+    _SMOOTHING,
+    _GAMMA,
+    _BLACK_LEVEL,
+    _QUANTISATION,
+)

@@ -28,12 +28,12 @@ class Imager:
     dsnu_e: float = 0.0  # Standard deviation of the pixels' offsets [electrons]; fixed.
     column_noise_e: float = 0.0  # Standard deviation of the columns' offsets [electrons]; fixed.
     row_noise_e: float = 0.0  # Likewise of the rows' [electrons]; each frame anew.
-    hot_pixels: float = 0.0  # Share of pixels that stand at the ceiling.
+    hot_pixels: float = 0.0  # Share of pixels that are always full; fixed.
     shot_noise: float = 0.0  # Share of the Poisson deviation: 0 none, 1 physical.
     read_noise_e: float = 0.0  # RMS at the pixel [electrons].
     blooming: float = 0.0  # Share of the charge above the full well that spills along the column.
     smoothing_px: float = 0.0  # Sigma of the averaging by which the device resamples [px].
-    gamma: float = 1.0  # Level = ceiling (signal / ceiling)^(1 / gamma).
+    gamma: float = 1.0  # Level = ceiling (signal / ceiling)^(1 / gamma) + black level.
     black_level_dn: float = 0.0  # Pedestal [DN].
     bit_depth: int = 16  # Bits of the converter.
 
@@ -63,8 +63,8 @@ class Imager:
     @property
     def saturation_dn(self) -> int:
         """Code that a full pixel gives: the ceiling, or less at a gain below 1 [DN]."""
-        full = self.full_well_e * self.dn_per_electron + self.black_level_dn
-        return min(self.ceiling_dn, round(full))
+        share = self.gain ** (1 / self.gamma)
+        return min(self.ceiling_dn, round(self.ceiling_dn * share + self.black_level_dn))
 
     @property
     def dn_per_electron(self) -> float:

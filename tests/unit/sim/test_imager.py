@@ -1,6 +1,7 @@
-"""The imager against EMVA 1288: photon transfer, saturation, exposure control, determinism."""
+"""The imager: electrons by hand, exposure control, neutral values, independent noise, refusals."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from patterns import InputError
-from sim import imager, randomness
+from sim import imager
+from sim.imager import charge, converter, noise, smoothing, well
+from sim.imager.fixed_pattern import Die
 from sim.optics import blur
 from sim.sensor import Imager
 
@@ -21,39 +24,38 @@ def flat(electrons: float) -> np.ndarray:
     return np.full((300, 400), electrons, np.float32)
 
 
-def rng(effect: str = "noise") -> np.random.Generator:
-    return randomness.generator(3, 0, "imager", effect)
-
-
-@pytest.mark.parametrize("electrons", [50.0, 500.0, 5000.0])
-def test_photon_transfer(electrons):
-    """Variance = K^2 (mean electrons + read^2) + 1/12, mean = K electrons + black."""
-    image = imager.read_out(REAL, flat(electrons), rng()).astype(np.float64)
-    gain = REAL.dn_per_electron
-    assert image.mean() == pytest.approx(gain * electrons + 20.0, rel=2e-3)
-    expected = gain**2 * (electrons + 6.0**2) + 1 / 12
-    assert image.var() == pytest.approx(expected, rel=0.02)
+def read(part: Imager, electrons: np.ndarray, **changed: Any) -> np.ndarray:
+    """Read out with what does not matter to a test filled in."""
+    given: dict[str, Any] = {
+        "exposure_s": 0.01,
+        "unit": 0,
+        "side": "left",
+        "seed": 3,
+        "frame": 0,
+        **changed,
+    }
+    return imager.read_out(part, electrons, **given)
 
 
 def test_neutral_imager_is_the_identity_up_to_its_step():
     """No noise, no pedestal: 16-bit codes are the electrons, rounded."""
     ideal = Imager(full_well_e=65535.0)
     electrons = np.linspace(0, 65535, 4096, dtype=np.float32).reshape(64, 64)
-    image = imager.read_out(ideal, electrons, rng())
+    image = read(ideal, electrons)
     assert np.abs(image - electrons).max() <= 0.51
 
 
 def test_saturation_is_flat_at_the_ceiling():
     eight = dataclasses.replace(REAL, bit_depth=8)
-    assert (imager.read_out(eight, flat(1e6), rng()) == 255).all()
-    assert imager.read_out(eight, flat(10), rng()).dtype == np.uint8
-    assert imager.read_out(REAL, flat(10), rng()).dtype == np.uint16
+    assert (read(eight, flat(1e6)) == 255).all()
+    assert read(eight, flat(10)).dtype == np.uint8
+    assert read(REAL, flat(10)).dtype == np.uint16
 
 
 def test_a_full_pixel_stays_full_at_low_gain():
     """Below unit gain the pixel fills before the converter does."""
     low = dataclasses.replace(REAL, gain=0.25, shot_noise=0.0, read_noise_e=0.0)
-    image = imager.read_out(low, flat(1e6), rng())
+    image = read(low, flat(1e6))
     assert (image == low.saturation_dn).all()
     assert low.saturation_dn == round(0.25 * 4095 + 20)
     assert REAL.saturation_dn == REAL.ceiling_dn
@@ -87,17 +89,176 @@ def test_fixed_exposure_is_fixed():
     assert (chosen.exposure_s, chosen.gain) == (REAL.exposure_s, REAL.gain)
 
 
-def test_equal_seeds_give_equal_bits_and_effects_do_not_share_numbers():
-    first, again = (imager.read_out(REAL, flat(500), rng()) for _ in range(2))
+FULL = Imager(
+    crosstalk=0.1,
+    prnu=0.02,
+    dark_current_e_s=500.0,
+    dsnu_e=4.0,
+    column_noise_e=3.0,
+    row_noise_e=3.0,
+    hot_pixels=1e-3,
+    shot_noise=1.0,
+    read_noise_e=5.0,
+    blooming=0.4,
+    smoothing_px=0.8,
+    gamma=1.6,
+    gain=2.0,
+    black_level_dn=8.0,
+    bit_depth=10,
+)
+NEUTRAL: dict[str, Any] = {  # Of what an ideal imager has not.
+    "crosstalk": 0.0,
+    "prnu": 0.0,
+    "dark_current_e_s": 0.0,
+    "dsnu_e": 0.0,
+    "column_noise_e": 0.0,
+    "row_noise_e": 0.0,
+    "hot_pixels": 0.0,
+    "shot_noise": 0.0,
+    "read_noise_e": 0.0,
+    "blooming": 0.0,
+    "smoothing_px": 0.0,
+    "gamma": 1.0,
+    "black_level_dn": 0.0,
+    "bit_depth": 16,
+}
+
+
+def scene() -> np.ndarray:
+    """Dots on a dim ground, some above the full well."""
+    image = np.random.default_rng(5).uniform(0, 900, (90, 120)).astype(np.float32)
+    image[10::20, 5::11] = 24000.0
+    return image
+
+
+def test_equal_arguments_give_equal_bits_and_each_of_them_counts():
+    first, again = (read(FULL, scene()) for _ in range(2))
     assert np.array_equal(first, again)
-    assert not np.array_equal(first, imager.read_out(REAL, flat(500), rng("other")))
+    for changed in ({"seed": 4}, {"frame": 1}, {"unit": 1}, {"side": "right"}):
+        assert not np.array_equal(first, read(FULL, scene(), **changed))
+
+
+def test_the_light_given_is_left_as_it_was():
+    given = scene()
+    given.setflags(write=False)
+    read(FULL, given)
+    assert np.array_equal(given, scene())
+
+
+def test_a_field_at_neutral_hands_its_input_on():
+    """Not a copy, and not equal to rounding: the very object."""
+    ideal, given, die = Imager(), scene(), Die(0, "left")
+    assert charge.collected(ideal, given, 1.0, die) is given
+    assert noise.shot_and_read(ideal, given, die=die, seed=0, frame=0) is given
+    assert noise.offsets(ideal, given, die=die, seed=0, frame=0) is given
+    assert well.hot(ideal, given, die) is given
+    assert smoothing.smoothed(given, 0.0) is given
+    assert converter.bent(given, 1.0, 255) is given
+
+
+@given(st.sets(st.sampled_from(sorted(NEUTRAL))))
+def test_fields_set_to_neutral_are_the_identity(chosen: set[str]):
+    """Any of them, on an ideal imager: bit for bit."""
+    moved = dataclasses.replace(Imager(), **{name: NEUTRAL[name] for name in chosen})
+    assert np.array_equal(read(moved, scene()), read(Imager(), scene()))
+
+
+@given(st.sets(st.sampled_from(sorted(NEUTRAL)), min_size=1))
+def test_what_is_neutral_does_not_touch_the_rest(chosen: set[str]):
+    """With some fields neutral the others act as if those were not there: no draw moves."""
+    rest = {name: value for name, value in NEUTRAL.items() if name not in chosen}
+    away = {name: getattr(FULL, name) for name in rest}
+    built_up = dataclasses.replace(Imager(gain=2.0), **away)
+    taken_down = dataclasses.replace(FULL, **{name: NEUTRAL[name] for name in chosen})
+    assert built_up == taken_down
+    assert np.array_equal(read(built_up, scene()), read(taken_down, scene()))
+
+
+@pytest.mark.parametrize("field", sorted(NEUTRAL))
+def test_every_field_moves_the_image(field: str):
+    """Alone, beside an imager that is otherwise ideal."""
+    moved = dataclasses.replace(Imager(), **{field: getattr(FULL, field)})
+    assert not np.array_equal(read(moved, scene()), read(Imager(), scene()))
+
+
+@pytest.mark.parametrize(
+    ("base", "field", "value"),
+    [
+        ("read_noise_e", "prnu", 0.02),
+        ("read_noise_e", "dsnu_e", 4.0),
+        ("read_noise_e", "row_noise_e", 4.0),
+        ("row_noise_e", "column_noise_e", 4.0),
+        ("row_noise_e", "shot_noise", 1.0),
+        ("dsnu_e", "prnu", 0.02),
+        ("prnu", "read_noise_e", 6.0),
+    ],
+)
+def test_a_noise_added_leaves_the_draw_of_another(base: str, field: str, value: float):
+    """What the added noise brings alone, taken off again, leaves the first noise's image."""
+    fine = Imager(black_level_dn=20000.0)
+    alone = dataclasses.replace(fine, **{base: 0.02 if base == "prnu" else 6.0})
+    both = dataclasses.replace(alone, **{field: value})
+    added = dataclasses.replace(fine, **{field: value})
+    light = flat(2000.0)
+    plain = read(fine, light).astype(np.float64)
+    left = read(both, light) - (read(added, light) - plain)
+    seen = np.corrcoef((left - plain).ravel(), (read(alone, light) - plain).ravel())[0, 1]
+    assert seen > 0.99
+
+
+def test_no_two_noises_share_numbers():
+    """The first rows' and columns' worth of each noise, alone, side by side: none follows another.
+
+    Noises of one generator under one name would agree number by number.
+    """
+    fine, light = Imager(black_level_dn=20000.0, full_well_e=1e4), flat(2000.0)
+    plain = read(fine, light).astype(np.float64)
+
+    def alone(**field: float) -> np.ndarray:
+        return read(dataclasses.replace(fine, **field), light) - plain
+
+    draws = np.stack(
+        [
+            alone(read_noise_e=20.0).ravel()[:300],
+            alone(prnu=0.02).ravel()[:300],
+            alone(dsnu_e=20.0).ravel()[:300],
+            alone(row_noise_e=20.0)[:, 0],
+            alone(column_noise_e=20.0)[0, :300],
+        ]
+    )
+    assert np.abs(np.corrcoef(draws) - np.eye(len(draws))).max() < 0.25
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.5, 1.2])
+def test_noise_e_is_the_deviation_seen(sigma: float):
+    """Of a grey field and of darkness, all noise on, PRNU left out as stated."""
+    part = dataclasses.replace(
+        FULL,
+        prnu=0.0,
+        hot_pixels=0.0,
+        gamma=1.0,
+        gain=1.0,
+        bit_depth=16,
+        smoothing_px=sigma,
+        black_level_dn=3000.0,
+    )
+    for electrons in (0.0, 30.0, 2000.0):
+        light, told = flat(electrons), float(imager.noise_e(part, flat(electrons), 0.05)[0, 0])
+        mean = (electrons + 25.0) * part.dn_per_electron + 3000.0
+        variance = np.mean(
+            [
+                ((read(part, light, exposure_s=0.05, unit=n, frame=n) - mean) ** 2).mean()
+                for n in range(24)  # Rows and columns are few in one image.
+            ]
+        )
+        assert np.sqrt(variance) / part.dn_per_electron == pytest.approx(told, rel=0.02)
 
 
 def test_more_read_noise_does_not_reshuffle():
     """The same draw, scaled: what is above the mean stays above it."""
-    quiet = imager.read_out(REAL, flat(500), rng()).astype(int)
+    quiet = read(REAL, flat(500)).astype(int)
     loud = dataclasses.replace(REAL, read_noise_e=30.0)
-    louder = imager.read_out(loud, flat(500), rng()).astype(int)
+    louder = read(loud, flat(500)).astype(int)
     assert np.corrcoef(quiet.ravel(), louder.ravel())[0, 1] > 0.99
 
 
@@ -122,6 +283,16 @@ def test_blur_keeps_light_and_is_neutral_at_zero():
         ("shot_noise", 2.0),
         ("read_noise_e", -1.0),
         ("bit_depth", 9),
+        ("crosstalk", 0.6),
+        ("prnu", 5.0),
+        ("dark_current_e_s", -1.0),
+        ("dsnu_e", float("inf")),
+        ("column_noise_e", -0.1),
+        ("row_noise_e", -0.1),
+        ("hot_pixels", 0.5),
+        ("blooming", 1.1),
+        ("smoothing_px", 20.0),
+        ("gamma", 0.0),
         ("black_level_dn", 1e6),
     ],
 )

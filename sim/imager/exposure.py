@@ -1,16 +1,13 @@
-"""The imager: radiance at the lens to electrons to digital numbers (DN), after EMVA 1288."""
+"""Exposure: from radiance at the lens to the mean electrons a pixel collects."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.layers import Image
 from sim.sensor import Imager
-
-Infrared = NDArray[np.uint8] | NDArray[np.uint16]
 
 _PLANCK_J_S = 6.62607015e-34
 _LIGHT_M_S = 299792458.0
@@ -42,7 +39,8 @@ def electrons_per_radiance(imager: Imager, wavelength_nm: float, exposure_s: flo
 def control(imager: Imager, radiance: Image, wavelength_nm: float) -> Exposure:
     """Choose the exposure: fixed, or such that the mean signal meets the level aimed at.
 
-    Auto exposure changes the integration time up to `auto_exposure_max_s`; the gain stays.
+    Auto exposure changes the integration time up to `auto_exposure_max_s`; the gain stays. It
+    meters the light, before all noise and before gamma.
     """
     if imager.auto_exposure_level == 0:
         return Exposure(exposure_s=imager.exposure_s, gain=imager.gain)
@@ -58,38 +56,3 @@ def mean_electrons(
     """Expected electrons a pixel, before noise (h, w)."""
     scale = electrons_per_radiance(imager, wavelength_nm, exposure.exposure_s)
     return radiance * np.float32(scale)
-
-
-def noise_e(imager: Imager, electrons: Image) -> Image:
-    """Standard deviation of shot and read noise together [electrons] (h, w)."""
-    shot, read = np.float32(imager.shot_noise), np.float32(imager.read_noise_e)
-    return np.sqrt(shot * shot * np.maximum(electrons, 0) + read * read)
-
-
-def read_out(imager: Imager, electrons: Image, rng: np.random.Generator) -> Infrared:
-    """Electrons to DN: noise, gain, black level, converter.
-
-    Shot and read noise are one normal draw of their summed variance: right to the third moment
-    above some twenty electrons, and a tenth of the time of a Poisson draw.
-
-    Args:
-        imager: its electronics.
-        electrons: expected electrons (h, w).
-        rng: drawn from only where there is noise.
-
-    Returns:
-        (h, w) uint8 for 8 bits, else uint16.
-    """
-    signal = electrons
-    if imager.shot_noise > 0 or imager.read_noise_e > 0:
-        draw = rng.standard_normal(electrons.shape, np.float32)
-        signal = electrons + draw * noise_e(imager, electrons)
-    signal = np.minimum(signal, np.float32(imager.full_well_e))
-    level = signal * np.float32(imager.dn_per_electron) + np.float32(imager.black_level_dn)
-    return digital(imager, level)
-
-
-def digital(imager: Imager, level: Image) -> Infrared:
-    """Convert a level [DN] to whole codes: uint8 for 8 bits, else uint16 (h, w)."""
-    codes = np.clip(np.rint(level), 0, imager.ceiling_dn)
-    return codes.astype(np.uint8) if imager.bit_depth == 8 else codes.astype(np.uint16)
