@@ -12,8 +12,21 @@ from typing import Any
 import cv2
 import numpy as np
 
-from sim import backend, frames, plugin_scene, progress, projector, render, sensors, simulate
+from sim import (
+    backend,
+    effects,
+    frames,
+    plugin_scene,
+    progress,
+    projector,
+    render,
+    sensors,
+    simulate,
+)
+from sim.effects import Value, setting
+from sim.layers import Layers
 from sim.matcher import named
+from sim.post import chain
 from sim.scene import Scene
 from sim.scenes import builtin
 from sim.sensor import Sensor
@@ -57,6 +70,8 @@ def bench(
         "expose_d4xx": lambda: simulate.expose(layers, scene, exact),
         "moved": _moving(sensor),
         "indirect": lambda: simulate.simulate(bounced, sensor, samples=samples),
+        "effects": _effects(layers, scene, sensor),
+        "effects_all": _effects(layers, *_all_on(scene, sensor)),
     }
     times = {name: [] for name in jobs}
     for _ in tell(range(repeats + 1), "bench"):
@@ -77,6 +92,8 @@ def bench(
             "layers": 1e3 * median["layers"],
             "expose and match": 1e3 * median["expose"],
             "expose and match d4xx": 1e3 * median["expose_d4xx"],
+            "preset's own": 1e3 * median["effects"],
+            "all on": 1e3 * median["effects_all"],
         },
         "peak_gib": peak_gib(),
         "variant": str(backend.mitsuba().variant()),
@@ -86,6 +103,35 @@ def bench(
 
 def _with_interreflection(scene: Scene) -> Scene:
     return dataclasses.replace(scene, interreflection=1.0)
+
+
+def _effects(layers: Layers, scene: Scene, sensor: Sensor) -> Callable[[], None]:
+    """Each call is one capture of the infrared pair and its post-processing, without matching."""
+    shot = simulate.expose(layers, scene, sensor)
+    seed = 0
+
+    def run() -> None:
+        nonlocal seed
+        seed += 1  # What is drawn once a capture is drawn anew.
+        simulate.infrared(layers, scene, sensor, seed=seed)
+        chain.process(shot.depth, sensor, causes={}, past=shot.depth.history)
+
+    return run
+
+
+def _all_on(scene: Scene, sensor: Sensor) -> tuple[Scene, Sensor]:
+    """Move every effect that needs no new render and is no matcher's to the middle of its range."""
+    settings: dict[str, Value] = {}
+    for row in effects.table():
+        first = row.parameters[0]
+        if row.rerender or row.stage is effects.Stage.MATCHER or first.neutral is None:
+            continue
+        if first.choices:
+            settings[row.name] = next(choice for choice in first.choices if choice != first.neutral)
+        elif first.low is not None and first.high is not None:
+            settings[row.name] = (first.low + first.high) / 2
+    moved, lit = setting.apply(sensor, scene, settings)
+    return lit, moved
 
 
 def peak_gib() -> float:
