@@ -24,6 +24,11 @@ from sim.sheet import Panel
 from sim.simulate import Shot, sequence
 
 SCENE = "tabletop"
+# Effects that do nothing unless something else does, and what they are drawn with.
+SHOWN_WITH: dict[str, dict[str, Value]] = {
+    "rolling_shutter": {"motion": 0.2},
+    "blooming": {"projector_power": 2.0},
+}
 _FRAMES = 6  # Where a filter over time is on: enough for it to settle.
 _CROP = (0.42, 0.40, 0.36)  # Left, top and size of the part shown of the infrared, of the image's.
 _PANEL_IN = 3.4
@@ -71,14 +76,17 @@ def atlas(
     # A table lit by nothing but the projector has shadows without a trace of light.
     ideal = ideal[0], setting.on_scene(ideal[1], {"ambient": scene.ambient.irradiance_w_m2})
     bases = {True: ideal, False: (sensor, scene)}
-    plain = {kind: _seen(*base, 0) for kind, base in bases.items()}
+    plain = {kind: _seen(*base) for kind, base in bases.items()}
     figures: dict[str, Any] = {}
     with OutputFolder(out, force=force) as folder:
         for row in tell(rows, "atlas"):
             optical = row.stage not in (Stage.MATCHER, Stage.POST)
-            value = _shown(row, *bases[optical])
-            moved = setting.apply(*bases[optical], {row.name: value})
-            without, affected = plain[optical], _seen(*moved, 0)
+            base, without = bases[optical], plain[optical]
+            if row.name in SHOWN_WITH:
+                base = setting.apply(*base, SHOWN_WITH[row.name])
+                without = _seen(*base)
+            value = _shown(row, *base)
+            affected = _seen(*setting.apply(*base, {row.name: value}))
             folder.write(f"{row.name}.jpg", _picture(row, value, without, affected))
             measured = {"without": without.figures, "with": affected.figures}
             folder.write(f"{row.name}.md", atlas_page.page(row, value, measured))
@@ -110,9 +118,9 @@ def _shown(row: Effect, sensor: Sensor, scene: Scene) -> Value:
     return parameter.high if parameter.high != base else parameter.low
 
 
-def _seen(sensor: Sensor, scene: Scene, seed: int) -> _Seen:
+def _seen(sensor: Sensor, scene: Scene) -> _Seen:
     frames = _FRAMES if sensor.post.temporal_alpha < 1 else 1
-    *_, shot = sequence(scene, sensor, frames=frames, seed=seed)
+    *_, shot = sequence(scene, sensor, frames=frames)
     truth = disparity_from_depth(
         shot.layers.truth.depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
     )

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import capture_info, exr, png, record, sensors
-from sim.capture_info import CaptureInfo
+from sim import capture_info, exr, frames, png, record, sensors
+from sim.capture_info import CaptureInfo, Pinhole
 from sim.depth import DepthMap, to_code
 from sim.layers import Layers
 from sim.output import RECORD, OutputFolder
@@ -35,7 +36,21 @@ def info_of(sensor: Sensor, *, source: str, licence: str, notes: str) -> Capture
         notes=notes,
         projector="on" if sensor.projector.power_w > 0 else "off",
         black_level_dn=sensor.left.black_level_dn,
+        **_colour(sensor),
     )
+
+
+def _colour(sensor: Sensor) -> dict[str, Any]:
+    """The colour camera's intrinsics and place, where there is one."""
+    if sensor.colour is None:
+        return {}
+    names = (field.name for field in dataclasses.fields(Pinhole))
+    pose = frames.pose(sensor.colour.position_m, sensor.colour.rotation_deg)
+    rows = tuple(tuple(map(float, row)) for row in np.linalg.inv(pose))
+    return {
+        "colour": Pinhole(**{name: getattr(sensor.colour, name) for name in names}),
+        "colour_from_left": rows,
+    }
 
 
 def write_set(
@@ -97,6 +112,8 @@ def write_frame(
     depth: DepthMap,
     depth_unit_m: float,
     infrared: tuple[GreyImage, GreyImage] | None = None,
+    registered_m: NDArray[np.float32] | None = None,
+    colour: NDArray[np.uint8] | None = None,
     layers: Layers | None = None,
     facts: Mapping[str, Any] | None = None,
 ) -> None:
@@ -109,6 +126,8 @@ def write_frame(
         depth: goes to `depth.png` as 16-bit code, its reasons to `frame.json` as counts.
         depth_unit_m: step of the code [m].
         infrared: left and right, (h, w).
+        registered_m: depth in the colour camera's image, goes to `depth_colour.png` as code.
+        colour: (h, w, 3) red, green, blue, goes to `rgb.png`.
         layers: with `depth` go to `frame.exr`.
         facts: more keys of `frame.json`: exposure_s, gain, seed ...
     """
@@ -117,6 +136,10 @@ def write_frame(
         folder.write(f"{at}/ir_left.png", png.encode(infrared[0]))
         folder.write(f"{at}/ir_right.png", png.encode(infrared[1]))
     folder.write(f"{at}/depth.png", png.encode(to_code(depth.depth_m, depth_unit_m)))
+    if registered_m is not None:
+        folder.write(f"{at}/depth_colour.png", png.encode(to_code(registered_m, depth_unit_m)))
+    if colour is not None:
+        folder.write(f"{at}/rgb.png", png.encode_colour(colour))
     if layers is not None:
         folder.write_by(f"{at}/frame.exr", lambda path: exr.write(path, layers, depth))
     folder.write(

@@ -14,15 +14,16 @@ from typing import Any
 import cv2
 import numpy as np
 
-from sim import backend, frames, plugin_scene, projector
-from sim.frames import Pose
+from sim import backend, frames, paths, paths_scalar, placement, projector, randomness
+from sim.camera import Camera, Placed, opaque
 from sim.layers import Image, Layers
+from sim.lights import Lights
 from sim.sensor import Sensor
 from sim.stage import Stage
 
 _SHRINK = 4
-_BOUNCES = 4  # Surfaces on the longest path; more add under a hundredth in rooms.
-_DOT_MEAN_PX = 30.0  # Sigma over which the pattern is averaged, in its own pixels.
+_DOT_SHRINK = 8  # A pattern without dots needs no more than an eighth of its pixels a side.
+_DOT_MEAN_PX = 4.0  # Sigma over which it is averaged, in these pixels.
 _SIGMA_PX = 5.0  # Of the low-pass, in coarse pixels.
 _OTHER_DEPTH = 0.05  # Relative step of depth, and
 _OTHER_NORMAL = 0.3  # step of a normal's component, that mean another surface.
@@ -30,62 +31,130 @@ _LEAST_ALBEDO = 0.02  # Darker surfaces return too little to divide by.
 
 
 def add(layers: Layers, stage: Stage, sensor: Sensor, *, samples: int, seed: int) -> Layers:
-    """Add the indirect layer to both views.
+    """Add the indirect layer to both views, of a sensor that keeps still.
 
     Args:
         layers: as rendered directly.
         stage: the same scene.
         sensor: the same sensor.
         samples: paths a coarse pixel.
-        seed: of the sampler.
+        seed: of the paths.
     """
-    pattern = projector.irradiance_at_unit_distance(sensor.projector)
-    spread = cv2.GaussianBlur(pattern, (0, 0), _DOT_MEAN_PX)
-    # A surface lit by its neighbours cannot tell dots from their mean, but samples can.
-    lit = plugin_scene.lit(stage, sensor, np.asarray(spread, np.float32))
-    left = stage.scene.world_from_left
-    right = frames.right_of(left, sensor.baseline_m)
-    views = []
-    for number, (view, pose) in enumerate(((layers.left, left), (layers.right, right))):
-        image = _view(stage, lit, sensor, pose, samples, 2 * seed + number)
-        views.append(dataclasses.replace(view, projector_indirect=image))
-    return dataclasses.replace(layers, left=views[0], right=views[1])
-
-
-def _view(stage: Stage, lit: Any, sensor: Sensor, pose: Pose, samples: int, seed: int) -> Image:
-    mi = backend.mitsuba()
-    sampler = {"type": "independent", "sample_count": samples}
-    coarse = plugin_scene.camera(sensor, pose, sampler=sampler, shrink=_SHRINK)
-    images = []
-    for bounces in (_BOUNCES, 1):  # Equal seeds: the direct light is the same bits in both.
-        integrator = mi.load_dict({"type": "path", "max_depth": bounces + 1, "hide_emitters": True})
-        image = mi.render(lit, sensor=coarse, integrator=integrator, spp=samples, seed=seed % 2**31)
-        images.append(np.array(image)[..., 0].astype(np.float32))
-    sampled = np.maximum(images[0] - images[1], 0)
-    low_albedo, low_guide = _surfaces(stage, sensor, pose, _SHRINK)
-    irradiance = _low_passed(sampled / np.maximum(low_albedo, _LEAST_ALBEDO), low_guide)
-    albedo, guide = _surfaces(stage, sensor, pose, 1)
-    return albedo * _raised(irradiance, low_guide, guide)
-
-
-def _surfaces(stage: Stage, sensor: Sensor, pose: Pose, shrink: int) -> tuple[Image, Image]:
-    """Albedo (h, w), and (h, w, 3) depth and normal in units in which 1 means another surface."""
-    mi = backend.mitsuba()
-    camera = plugin_scene.camera(sensor, pose, sampler=plugin_scene.fixed(1), shrink=shrink)
-    integrator = mi.load_dict({"type": "aov", "aovs": "p:position,n:sh_normal,a:albedo"})
-    image = np.array(mi.render(stage.mitsuba, sensor=camera, integrator=integrator, spp=1))
-    depth = np.maximum((image[..., 0:3] - pose[:3, 3]) @ pose[:3, 2], 1e-3)
-    normal = np.abs(image[..., 3:6] @ pose[:3, :2])  # The sign is the winding's, not the side's.
-    guide = np.concatenate(
-        [np.log(depth)[..., None] / _OTHER_DEPTH, normal / _OTHER_NORMAL], axis=-1
+    scene, (stage, sensor) = stage.scene, placement.in_model(stage, sensor)
+    irradiance = _without_dots(projector.irradiance_at_unit_distance(sensor.projector))
+    make = _traced if backend.is_jit() else _plugged
+    share = np.float32(1 / scene.model_error.scale**2)  # See `placement.enlarged`.
+    left, right = (image * share for image in make(stage, sensor, irradiance, samples, seed))
+    return dataclasses.replace(
+        layers,
+        left=dataclasses.replace(layers.left, projector_indirect=left),
+        right=dataclasses.replace(layers.right, projector_indirect=right),
     )
-    return np.minimum(image[..., 6], 1).astype(np.float32), guide.astype(np.float32)
+
+
+def _without_dots(irradiance: Image) -> Image:
+    """Average the pattern: a surface lit by its neighbours cannot tell, but samples can."""
+    height, width = irradiance.shape
+    size = (max(width // _DOT_SHRINK, 1), max(height // _DOT_SHRINK, 1))
+    small = cv2.resize(irradiance, size, interpolation=cv2.INTER_AREA)
+    mean = cv2.GaussianBlur(small, (0, 0), _DOT_MEAN_PX, borderType=cv2.BORDER_REFLECT)
+    return np.asarray(mean, np.float32)
+
+
+class _Averaged:
+    """A pattern without dots, in place of the projector's own."""
+
+    def __init__(self, irradiance: Image) -> None:
+        mi = backend.mitsuba()
+        self._texture = mi.Texture2f(mi.TensorXf(irradiance[..., None]), use_accel=False)
+
+    def irradiance(self, texel: Any, _depth: Any, active: Any) -> Any:
+        return self._texture.eval(texel, active)[0]
+
+
+def _traced(
+    stage: Stage, sensor: Sensor, irradiance: Image, samples: int, seed: int
+) -> list[Image]:
+    """Both views by own rays."""
+    lights = Lights.of(stage, sensor)
+    averaged: Any = _Averaged(irradiance)
+    mean = dataclasses.replace(lights.projector, pattern=averaged)
+    lights = dataclasses.replace(lights, projector=mean, other=None, sun=None)
+    images = []
+    for side, pose in zip(("left", "right"), _poses(stage, sensor), strict=True):
+        draw = randomness.generator(seed, 0, "scene", f"interreflection {side}")
+        place = Placed.of(pose)
+        coarse, fine = (_camera(sensor, place, shrink) for shrink in (_SHRINK, 1))
+        sampled = paths.radiance(stage, coarse, lights, samples, int(draw.integers(2**63)))
+        images.append(_smooth(sampled, paths.surfaces(stage, coarse), paths.surfaces(stage, fine)))
+    return images
+
+
+def _plugged(
+    stage: Stage, sensor: Sensor, irradiance: Image, samples: int, seed: int
+) -> list[Image]:
+    """Both views by Mitsuba's path tracer."""
+    images = []
+    for number, pose in enumerate(_poses(stage, sensor)):
+        sampled = paths_scalar.radiance(
+            stage,
+            sensor,
+            pose,
+            irradiance,
+            shrink=_SHRINK,
+            samples=samples,
+            seed=(2 * seed + number) % 2**31,
+        )
+        coarse, fine = (
+            paths_scalar.surfaces(stage, sensor, pose, shrink=shrink) for shrink in (_SHRINK, 1)
+        )
+        images.append(_smooth(sampled, coarse, fine))
+    return images
+
+
+def _poses(stage: Stage, sensor: Sensor) -> tuple[frames.Pose, frames.Pose]:
+    left = stage.scene.world_from_left
+    return left, frames.right_of(left, sensor.baseline_m)
+
+
+def _camera(sensor: Sensor, place: Placed, shrink: int) -> Camera:
+    """One imager, its image smaller by a factor; it sees the same field."""
+    width, height = sensor.width // shrink, sensor.height // shrink
+    x, y = width / sensor.width, height / sensor.height
+    return Camera(
+        size=(width, height),
+        focal=opaque("Vector2f", (sensor.fx_px * x, sensor.fy_px * y)),
+        centre=opaque("Vector2f", ((sensor.cx_px + 0.5) * x - 0.5, (sensor.cy_px + 0.5) * y - 0.5)),
+        place=place,
+    )
+
+
+def _smooth(sampled: Image, coarse: paths.Surfaces, fine: paths.Surfaces) -> Image:
+    """Low-pass what a unit albedo would return, raise it to the fine size, and dim it again."""
+    irradiance = np.asarray(sampled / np.maximum(coarse.albedo, _LEAST_ALBEDO), np.float32)
+    low = _guide(coarse)
+    return fine.albedo * _raised(_low_passed(irradiance, low), low, _guide(fine))
+
+
+def _guide(seen: paths.Surfaces) -> Image:
+    """Depth and normal (h, w, 3) in units in which 1 means another surface."""
+    depth = np.log(np.maximum(seen.depth_m, np.float32(1e-3)))[..., None]
+    turned = seen.normal[..., :2]
+    return np.concatenate([depth / _OTHER_DEPTH, turned / _OTHER_NORMAL], -1, dtype=np.float32)
 
 
 def _low_passed(image: Image, guide: Image) -> Image:
-    """Joint bilateral filter: average over neighbours on the same surface."""
-    smooth = cv2.ximgproc.jointBilateralFilter(guide, image.astype(np.float32), -1, 1.0, _SIGMA_PX)
-    return np.asarray(smooth, np.float32)
+    """Average over neighbours on the same surface, and once more over what that took away.
+
+    Light that rises towards a corner is averaged with darker neighbours only; the second pass
+    gives most of it back.
+
+    Source: joint bilateral filter; the second pass is Tukey's "twicing" (Exploratory Data
+    Analysis, 1977, sec. 16).
+    """
+    smooth = cv2.ximgproc.jointBilateralFilter(guide, image, -1, 1.0, _SIGMA_PX)
+    rest = cv2.ximgproc.jointBilateralFilter(guide, image - smooth, -1, 1.0, _SIGMA_PX)
+    return np.asarray(np.maximum(smooth + rest, 0), np.float32)
 
 
 def _raised(coarse: Image, coarse_guide: Image, guide: Image) -> Image:

@@ -1,4 +1,4 @@
-"""Grey PNG images, 8 or 16 bits: the only kind a capture set holds."""
+"""PNG images of capture sets: grey of 8 or 16 bits, and the colour camera's."""
 
 from __future__ import annotations
 
@@ -59,6 +59,18 @@ def encode(image: GreyImage) -> bytes:
             "Convert it first.",
         )
     return cv2.imencode(".png", image)[1].tobytes()
+
+
+def encode_colour(image: NDArray[np.uint8]) -> bytes:
+    """Write (h, w, 3) red, green, blue as the bytes of a PNG."""
+    if image.ndim != 3 or image.shape[2] != 3 or image.size == 0 or image.dtype != np.uint8:
+        raise errors.refuse(
+            "colour image",
+            "must be (h, w, 3) of 8 bits",
+            f"{image.shape} {image.dtype}",
+            "Convert it first.",
+        )
+    return cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes()
 
 
 def _checked_bits(data: bytes, path: Path, name: str) -> int:

@@ -2,7 +2,8 @@
 
 Every pixel is sampled at n x n fixed sub-pixel positions (box filter). At each the surface is
 found by one ray from the imager and the projector's light by one ray *from the projector*, so
-that a surface with noise does not shadow itself. Where no compiler is, `sim.render_scalar` makes
+that a surface with noise does not shadow itself. Mirrors and glass are followed
+(`sim.specular`) where a scene has them. Where no compiler is, `sim.render_scalar` makes
 the same layers with Mitsuba's own integrators.
 """
 
@@ -13,79 +14,101 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import backend
+from sim import backend, motion, placement
 from sim.camera import Camera, cameras, opaque, pixels
 from sim.layers import Image, Layers, Truth, View
-from sim.projection import Light, clear, projected
+from sim.lights import Lights, towards_viewer
+from sim.projection import Light, clear
 from sim.sensor import Sensor
+from sim.specular import Specular
 from sim.stage import Stage
 
 
-def layers(stage: Stage, sensor: Sensor, *, subpixels: int = 2) -> Layers:
+def layers(stage: Stage, sensor: Sensor, *, subpixels: int = 2, exposure_s: float = 0.0) -> Layers:
     """Render what both imagers of a sensor receive, and the truth.
 
     Args:
         stage: the scene in Mitsuba; its `world_from_left` poses the sensor.
         sensor: geometry and projector; the layers are for 1 W.
         subpixels: n of the n x n fixed positions in a pixel.
+        exposure_s: time that a moving sensor's views are averaged over (see `sim.motion`).
 
     Returns:
         Layers with zero indirect light (see `sim.indirect`).
     """
+    scene, (stage, sensor) = stage.scene, placement.in_model(stage, sensor)
     if not backend.is_jit():
         from sim import render_scalar
 
-        return render_scalar.layers(stage, sensor, subpixels=subpixels)
+        motion.refuse_without_compiler(scene.motion)
+        return placement.enlarged(render_scalar.layers(stage, sensor, subpixels=subpixels), scene)
     left, right = cameras(sensor, stage.scene.world_from_left)
-    light = Light.of(sensor, stage.scene.world_from_left)
-    return Layers(
-        left=_view(stage, left, light, subpixels),
-        right=_view(stage, right, light, subpixels),
-        truth=_truth(stage, left, right, light),
+    lights = Lights.of(stage, sensor)
+    paths = motion.paths(stage, sensor, left, exposure_s)
+    rendered = Layers(
+        left=_view(stage, left, lights, subpixels, paths[0]),
+        right=_view(stage, right, lights, subpixels, paths[1]),
+        truth=_truth(stage, left, right, lights.projector),
     )
+    return placement.enlarged(rendered, scene)
 
 
-def _ambient(stage: Stage, si: Any) -> Any:
-    """Radiance that surface points return of ambient light of 1 W m^-2 [W m^-2 sr^-1]."""
-    mi, dr = backend.mitsuba(), backend.drjit()
-    ambient = stage.scene.ambient
-    # A metal's diffuse equivalent exceeds 1 in Mitsuba: no surface returns more than it gets.
-    albedo = dr.minimum(si.bsdf().eval_diffuse_reflectance(si, si.is_valid())[0], 1)
-    normal = _towards_viewer(si)
-    tilt = dr.dot(normal, mi.Vector3f(*ambient.up)) * (2 / 3 * ambient.gradient)
-    return dr.select(si.is_valid(), albedo / np.pi * (1 + tilt), 0)
+def view(stage: Stage, sensor: Sensor, *, subpixels: int = 2) -> View:
+    """Render what the left imager alone receives, at rest.
+
+    Args:
+        stage, sensor, subpixels: as `layers`.
+    """
+    if not backend.is_jit():
+        from sim import render_scalar
+
+        return render_scalar.view(stage, sensor, subpixels=subpixels)
+    left, _ = cameras(sensor, stage.scene.world_from_left)
+    return _view(stage, left, Lights.of(stage, sensor), subpixels, None)
 
 
-def _towards_viewer(si: Any) -> Any:
-    dr = backend.drjit()
-    normal = si.sh_frame.n
-    return dr.select(dr.dot(normal, si.to_world(si.wi)) < 0, -normal, normal)
+def _view(
+    stage: Stage, camera: Camera, lights: Lights, subpixels: int, path: motion.Path | None
+) -> View:
+    """Average n x n fixed positions a pixel; one kernel, launched n^2 times, more where it moves.
 
-
-def _view(stage: Stage, camera: Camera, light: Light, subpixels: int) -> View:
-    """Average n x n fixed positions a pixel; one kernel, launched n^2 times.
-
-    Depth and body are those of the pixel's centre.
+    Depth and body are those of the pixel's centre, of the glass itself where there is glass.
     """
     mi, dr = backend.mitsuba(), backend.drjit()
     count = camera.size[0] * camera.size[1]
-    direct, ambient = dr.zeros(mi.Float, count), dr.zeros(mi.Float, count)
-    for row, column in np.ndindex(subpixels, subpixels):
-        shift = opaque("Vector2f", [(i + 0.5) / subpixels - 0.5 for i in (column, row)])
-        si = stage.mitsuba.ray_intersect(camera.ray(pixels(camera.size) + shift))
-        direct += projected(stage, light, si)
-        ambient += _ambient(stage, si)
-        dr.eval(direct, ambient)
-    shape, share = camera.size[::-1], np.float32(1 / subpixels**2)
+    sums = [dr.zeros(mi.Float, count) for _ in range(lights.count)]
+    moments = motion.moments(subpixels, path)
+    for *shift, time_s in moments:
+        there, lit = motion.at(path, time_s, camera, lights)
+        ray = there.ray(pixels(camera.size) + opaque("Vector2f", shift))
+        if stage.specular is None:
+            seen = lit.returned(stage, stage.mitsuba.ray_intersect(ray))
+        else:
+            seen = _seen(stage, stage.specular, lit, ray)
+        sums = [total + part for total, part in zip(sums, seen, strict=True)]
+        dr.eval(*sums)
+    shape, share = camera.size[::-1], np.float32(1 / len(moments))
+    direct, ambient, *other = (total.numpy().reshape(shape) * share for total in sums)
     depth, body = _centres(stage, camera)
     return View(
-        projector_direct=direct.numpy().reshape(shape) * share,
+        projector_direct=direct,
         projector_indirect=np.zeros(shape, np.float32),
-        ambient=ambient.numpy().reshape(shape) * share,
-        other=np.zeros(shape, np.float32),
+        ambient=ambient,
+        other=other[0] if other else np.zeros(shape, np.float32),
         depth_m=depth,
         body=body,
     )
+
+
+def _seen(stage: Stage, specular: Specular, lights: Lights, ray: Any) -> list[Any]:
+    """Radiances along rays, with what mirrors show and glass lets through."""
+    dr = backend.drjit()
+
+    def returned(si: Any, active: Any) -> list[Any]:
+        si.t = dr.select(active, si.t, dr.inf)  # Only active points are asked for light.
+        return lights.returned(stage, si)
+
+    return specular.seen(stage.mitsuba, ray, returned, lambda way: lights.sky(stage, way))
 
 
 def _centres(stage: Stage, camera: Camera) -> tuple[Image, NDArray[np.uint32]]:
@@ -109,14 +132,14 @@ def _truth(stage: Stage, left: Camera, right: Camera, light: Light) -> Truth:
     mi, dr = backend.mitsuba(), backend.drjit()
     si = stage.mitsuba.ray_intersect(left.ray(pixels(left.size)))
     hit, tolerance = si.is_valid(), stage.scene.shadow_tolerance
-    normal = _towards_viewer(si)
+    normal = towards_viewer(si)
     place = left.place
     columns = (
         left.place.local(si.p).z,
         *(dr.dot(axis, normal) for axis in (place.x, place.y, place.z)),
         dr.reinterpret_array(mi.UInt32, si.shape),
         clear(stage.mitsuba, right.place.origin, si.p, hit & right.sees(si.p), tolerance),
-        light.reaches(stage.mitsuba, si.p, hit, tolerance),
+        light.reaches(stage.blocking().mitsuba, si.p, hit, tolerance),
         hit,
     )
     dr.eval(*columns)

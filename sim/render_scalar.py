@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sim import backend, frames, plugin_scene, projector
 from sim.frames import Pose
 from sim.layers import Layers, Mask, Truth, View
+from sim.scene import Scene
 from sim.sensor import Sensor
 from sim.stage import Stage
 
@@ -21,7 +22,12 @@ _AOVS = "p:position,n:sh_normal,a:albedo,i:shape_index"
 
 
 def layers(stage: Stage, sensor: Sensor, *, subpixels: int) -> Layers:
-    """As `sim.render.layers`, in any variant."""
+    """As `sim.render.layers`, in any variant.
+
+    Raises:
+        BackendError: if the scene has light or surfaces that need rays of its own.
+    """
+    _refuse_own_rays(stage.scene, sensor)
     left = stage.scene.world_from_left
     right = frames.right_of(left, sensor.baseline_m)
     lit = plugin_scene.lit(stage, sensor, projector.irradiance_at_unit_distance(sensor.projector))
@@ -31,6 +37,36 @@ def layers(stage: Stage, sensor: Sensor, *, subpixels: int) -> Layers:
         right=_view(stage, sensor, lit, right, seen_right, subpixels),
         truth=_truth(stage, sensor, seen_left),
     )
+
+
+def view(stage: Stage, sensor: Sensor, *, subpixels: int) -> View:
+    """As `sim.render.view`, in any variant."""
+    _refuse_own_rays(stage.scene, sensor)
+    left = stage.scene.world_from_left
+    lit = plugin_scene.lit(stage, sensor, projector.irradiance_at_unit_distance(sensor.projector))
+    return _view(stage, sensor, lit, left, _Seen(stage, sensor, left), subpixels)
+
+
+def _refuse_own_rays(scene: Scene, sensor: Sensor) -> None:
+    """Refuse what Mitsuba's direct integrator leaves out, or the albedo it reports does not say."""
+    kinds = {body.material.kind for body in scene.bodies}
+    finish = scene.finish
+    needs = {
+        "material mirror": "mirror" in kinds,
+        "material glass": "glass" in kinds,
+        "scene.finish.transparency": finish.transparency > 0,
+        "scene.finish.gloss": 0 < finish.gloss < 1,
+        "scene.finish.metal": 0 < finish.metal < 1,
+        "scene.sun.irradiance_w_m2": scene.sun.irradiance_w_m2 > 0,
+        "scene.other_projector.power_w": scene.other_projector.power_w > 0,
+        "projector.defocus_mrad_m": sensor.projector.defocus_mrad_m > 0,
+    }
+    named = next((name for name, needed in needs.items() if needed), None)
+    if named:
+        raise backend.BackendError(
+            f"{named} must be absent in scalar_rgb; got it in {scene.name}. "
+            "Install libllvm19 or set DRJIT_LIBLLVM_PATH for the compiled variant."
+        )
 
 
 class _Seen:

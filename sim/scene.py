@@ -135,7 +135,10 @@ class Finish:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Motion:
-    """Steady motion of the sensor during an exposure, in the left imager's frame."""
+    """Steady motion of the sensor during an exposure, in the left imager's frame.
+
+    The frame is that of the middle of the exposure; the rig turns about the left imager.
+    """
 
     velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     turn_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Rotation vector a second.
@@ -154,7 +157,10 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ModelError:
-    """How far the scene stands from where, and how large, its model says."""
+    """How far the scene stands from where, and how large, its model says.
+
+    A point p of the model, in the left imager's frame, truly stands at s R p + t.
+    """
 
     scale: float = 1.0  # About the left imager.
     shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Of the scene, left frame.

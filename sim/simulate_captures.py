@@ -11,9 +11,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from patterns import errors
 from sim import capture, capture_writer, progress, record
@@ -46,6 +47,15 @@ class _Task:
     text: str  # What `sim.scenes.load` takes.
     name: str
     room: str
+
+
+class _Reading(NamedTuple):
+    """One frame of one scene."""
+
+    task: _Task
+    number: int
+    shot: Shot
+    rgb: NDArray[np.uint8] | None  # The colour camera's picture; the scene keeps still.
 
 
 def simulate_captures(
@@ -157,14 +167,14 @@ def _tasks(scene: str) -> tuple[list[_Task], str, str]:
 
 def _write_scenes(
     folder: OutputFolder,
-    shots: Iterator[tuple[_Task, int, Shot]],
+    shots: Iterator[_Reading],
     plan: _Plan,
 ) -> dict[str, Any]:
     """Write every shot as it comes, a scene's truth with its first; return the scenes' figures."""
     rates: dict[str, list[float]] = defaultdict(list)
     levels: dict[str, list[float]] = defaultdict(list)
     figures: dict[str, Any] = {}
-    for task, number, shot in shots:
+    for task, number, shot, rgb in shots:
         if number == 0:
             capture_writer.write_scene(
                 folder,
@@ -178,7 +188,7 @@ def _write_scenes(
             "frame": number,
             "samples": plan.samples,
         }
-        _write_shot(folder, task.name, number, shot, plan.sensor, facts)
+        _write_shot(folder, task.name, number, shot, plan.sensor, rgb, facts)
         rates[task.name].append(1 - shot.depth.valid.mean())
         levels[task.name].append(shot.ir_left.mean())
         figures[task.name] = {
@@ -190,23 +200,24 @@ def _write_scenes(
     return figures
 
 
-def _shots(
-    tasks: list[_Task], plan: _Plan, tell: progress.Progress
-) -> Iterator[tuple[_Task, int, Shot]]:
+def _shots(tasks: list[_Task], plan: _Plan, tell: progress.Progress) -> Iterator[_Reading]:
     """Give every frame of every scene; a scene is rendered once and read out `frames` times."""
     from sim.simulate import sequence
 
     shots: Iterator[Shot] = iter(())
+    rgb = None
     for task, number in tell(list(product(tasks, range(plan.frames))), "simulate"):
         if number == 0:
+            scene = _scene(task.text, plan)
+            rgb = _rgb(scene, plan.sensor)
             shots = sequence(
-                _scene(task.text, plan),
+                scene,
                 plan.sensor,
                 frames=plan.frames,
                 seed=scene_seed(plan.seed, task.name),
                 samples=plan.samples or _SAMPLES,
             )
-        yield task, number, next(shots)
+        yield _Reading(task, number, next(shots), rgb)
 
 
 def _scene(text: str, plan: _Plan) -> Scene:
@@ -218,12 +229,22 @@ def _scene(text: str, plan: _Plan) -> Scene:
     return scene
 
 
+def _rgb(scene: Scene, sensor: Sensor) -> NDArray[np.uint8] | None:
+    """What the sensor's colour camera sees of a scene."""
+    if sensor.colour is None:
+        return None
+    from sim import colour
+
+    return colour.picture(scene, sensor, sensor.colour)
+
+
 def _write_shot(
     folder: OutputFolder,
     scene: str,
     number: int,
     shot: Shot,
     sensor: Sensor,
+    rgb: NDArray[np.uint8] | None,
     facts: Mapping[str, Any],
 ) -> None:
     capture_writer.write_frame(
@@ -233,6 +254,8 @@ def _write_shot(
         depth=shot.depth,
         depth_unit_m=sensor.post.depth_unit_m,
         infrared=(shot.ir_left, shot.ir_right),
+        registered_m=shot.registered_m,
+        colour=rgb,
         layers=shot.layers,
         facts={
             "exposure_s": shot.exposure_s,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from patterns import errors
 from sim import backend, bsdf
 from sim.scene import Body, Finish, Scene
-from sim.specular import Specular
+from sim.specular import Specular, shape_handle
 
 
 class Stage:
@@ -30,11 +31,32 @@ class Stage:
             {"type": "scene", **{f"body_{i:04d}": shape for i, shape in enumerate(shapes)}}
         )
         self.numbers = _numbers(shapes)  # From Dr.Jit's shape handle to the body's number.
-        self.diffuse = _diffuse(scene, shapes)
+        self._diffuse = _diffuse(scene, shapes)
         # What turns rays or lets them pass; None where nothing does.
         self.specular = Specular.of(shapes) if backend.is_jit() else None
         _refuse_extent(self)
         _refuse_inside(self)
+
+    def albedo(self, si: Any) -> Any:
+        """Share of ambient light that surface points return."""
+        mi, dr = backend.mitsuba(), backend.drjit()
+        own = surface = si.bsdf()
+        if self._diffuse:
+            table, handle = mi.BSDFPtr(self._diffuse), dr.reinterpret_array(mi.UInt32, si.shape)
+            surface = dr.gather(mi.BSDFPtr, table, handle, si.is_valid())
+        # A metal's diffuse equivalent exceeds 1 in Mitsuba: no surface returns more than it gets.
+        albedo = dr.minimum(surface.eval_diffuse_reflectance(si, si.is_valid())[0], 1)
+        if self.specular and self.specular.has_panes:
+            albedo *= 1 - own.eval_null_transmission(si, si.is_valid())[0]
+        return albedo
+
+    def blocking(self) -> Stage:
+        """This stage without what lets light pass: all that throws a shadow."""
+        if self.specular is None:
+            return self
+        less = copy.copy(self)
+        less.mitsuba = self.specular.blocking
+        return less
 
 
 _LARGEST_M = 100.0
@@ -79,13 +101,29 @@ def _refuse_inside(stage: Stage) -> None:
 
 def _numbers(shapes: list[Any]) -> NDArray[np.uint32]:
     """Table from Dr.Jit's handle of a shape to its number, 1 for the first body."""
-    mi = backend.mitsuba()
     if not backend.is_jit():
         return np.arange(1, len(shapes) + 1, dtype=np.uint32)
-    dr = backend.drjit()
-    handles = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in shapes]
+    handles = list(map(shape_handle, shapes))
     table = np.zeros(max(handles) + 1, np.uint32)
     table[handles] = np.arange(1, len(shapes) + 1)
+    return table
+
+
+def _diffuse(scene: Scene, shapes: list[Any]) -> list[Any]:
+    """BSDFs by shape handle whose diffuse reflectance ambient light needs; empty: the shapes' own.
+
+    Mitsuba does not know the diffuse reflectance of a blend.
+    """
+    blends = [bsdf.is_blend(body, scene.finish) for body in scene.bodies]
+    if not any(blends) or not backend.is_jit():
+        return []
+    mi = backend.mitsuba()
+    table: list[Any] = [shapes[0].bsdf()] * (max(map(shape_handle, shapes)) + 1)
+    for number, shape in enumerate(shapes):
+        table[shape_handle(shape)] = shape.bsdf()
+        if number < len(blends) and blends[number]:
+            body = scene.bodies[number]
+            table[shape_handle(shape)] = mi.load_dict(bsdf.unblended(body, scene.finish))
     return table
 
 

@@ -34,7 +34,14 @@ def received(view: View, scene: Scene, sensor: Sensor, *, seed: int, frame: int)
     laser = view.projector_direct * power
     if scene.interreflection:
         laser = laser + view.projector_indirect * np.float32(power * scene.interreflection)
-    rest = view.ambient * np.float32(scene.ambient.irradiance_w_m2) + view.other
+    other = view.other
+    if scene.finish.subsurface_m:  # Ambient light is even: spreading would change nothing in it.
+        from sim.light.subsurface import spread  # Loads what only this needs.
+
+        laser, other = (
+            spread(light, view.depth_m, view.body, scene, sensor) for light in (laser, other)
+        )
+    rest = view.ambient * np.float32(scene.ambient.irradiance_w_m2) + other
     return Received(laser=laser, rest=rest)
 
 

@@ -1,0 +1,129 @@
+"""A body's material and finish as a Mitsuba BSDF."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim import backend
+from sim.scene import Body, Finish, Material
+
+Dict = dict[str, Any]
+
+
+def of(body: Body, finish: Finish) -> Dict:
+    """BSDF dict of a body; one that the finish does not touch has its material's alone.
+
+    A share of 0 is left out and a share of 1 stands alone, so both ends are exactly the materials
+    that they name. Mirrors and glass stay what they are but for the reflectance of a mirror.
+    """
+    return _opened(_twosided(_blend(body, finish)), body, finish)
+
+
+def unblended(body: Body, finish: Finish) -> Dict:
+    """BSDF dict whose diffuse reflectance is the body's: Mitsuba knows none of a blend."""
+    return _twosided(_plain(body.material, _value(body, finish)))
+
+
+def is_blend(body: Body, finish: Finish) -> bool:
+    """Whether a body returns light in shares of several materials."""
+    if not _changes(body, finish):
+        return False
+    return 0 < finish.metal < 1 or (finish.metal == 0 and 0 < finish.gloss < 1)
+
+
+def grey_bitmap(image: NDArray[np.float32]) -> Dict:
+    """Texture dict of a linear grey image; uv (0, 0) is the image's first corner."""
+    mi = backend.mitsuba()
+    channels = 1 if backend.is_jit() else 3
+    data = np.repeat(np.ascontiguousarray(image, np.float32)[..., None], channels, axis=2)
+    return {
+        "type": "bitmap",
+        "bitmap": mi.Bitmap(data),
+        "raw": True,
+        "filter_type": "bilinear",
+        "wrap_mode": "clamp",
+    }
+
+
+def _changes(body: Body, finish: Finish) -> bool:
+    """Whether the finish's shares apply to a body."""
+    return finish.touches(body.name) and body.material.kind not in ("mirror", "glass")
+
+
+def _value(body: Body, finish: Finish) -> float | Dict:
+    """Reflectance, as a number or a texture's dict."""
+    scale = finish.reflectance_scale if finish.touches(body.name) else 1.0
+    if body.texture is None or body.material.kind == "mirror":
+        return (
+            body.material.reflectance if scale == 1 else min(body.material.reflectance * scale, 1.0)
+        )
+    if scale == 1:
+        return grey_bitmap(body.texture)
+    return grey_bitmap(np.minimum(body.texture * np.float32(scale), np.float32(1)))
+
+
+def _blend(body: Body, finish: Finish) -> Dict:
+    value = _value(body, finish)
+    surface = _plain(body.material, value)
+    if not _changes(body, finish):
+        return surface
+    surface = _share(finish.gloss, surface, _coated(value, finish.roughness))
+    return _share(finish.metal, surface, _metal(value, finish.roughness))
+
+
+def _share(share: float, below: Dict, above: Dict) -> Dict:
+    if share in (0, 1):
+        return above if share else below
+    return {"type": "blendbsdf", "weight": share, "below": below, "over": above}
+
+
+def _plain(material: Material, value: float | Dict) -> Dict:
+    """BSDF of a material, on its front alone."""
+    if material.kind == "diffuse":
+        return {"type": "diffuse", "reflectance": _spectrum(value)}
+    if material.kind == "glossy":
+        return _coated(value, material.roughness)
+    if material.kind == "metal":
+        return _metal(value, material.roughness)
+    if material.kind == "mirror":
+        return {"type": "conductor", "specular_reflectance": _spectrum(value)}
+    return {"type": "dielectric", "int_ior": material.ior, "ext_ior": 1.0}
+
+
+def _coated(value: float | Dict, roughness: float) -> Dict:
+    return {
+        "type": "roughplastic",
+        "distribution": "ggx",
+        "alpha": roughness,
+        "diffuse_reflectance": _spectrum(value),
+        "nonlinear": True,
+    }
+
+
+def _metal(value: float | Dict, roughness: float) -> Dict:
+    return {
+        "type": "principled",
+        "metallic": 1.0,
+        "base_color": _spectrum(value),
+        "roughness": roughness**0.5,  # The model squares it to alpha.
+    }
+
+
+def _twosided(bsdf: Dict) -> Dict:
+    if bsdf["type"] == "dielectric":  # It has two different sides.
+        return bsdf
+    return {"type": "twosided", "bsdf": bsdf}
+
+
+def _opened(bsdf: Dict, body: Body, finish: Finish) -> Dict:
+    """Let the finish's share of light straight through."""
+    if finish.transparency == 0 or not _changes(body, finish):
+        return bsdf
+    return {"type": "mask", "opacity": 1 - finish.transparency, "bsdf": bsdf}
+
+
+def _spectrum(value: float | Dict) -> Dict:
+    return value if isinstance(value, dict) else {"type": "spectrum", "value": value}

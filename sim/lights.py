@@ -1,0 +1,144 @@
+"""The lights of a scene, and what surface points return of each of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sim import backend
+from sim.camera import opaque
+from sim.projection import Light, projected
+from sim.scene import Ambient, Scene, Sun
+from sim.sensor import Sensor
+from sim.specular import Specular
+from sim.stage import Stage
+
+
+@dataclass(frozen=True, slots=True)
+class Lights:
+    """The sensor's projector, ambient light, and where there are any: sun, another projector."""
+
+    projector: Light
+    other: Light | None
+    other_power_w: Any  # Float
+    sun: _Directional | None
+
+    @staticmethod
+    def of(stage: Stage, sensor: Sensor) -> Lights:
+        scene = stage.scene
+        return Lights(
+            projector=Light.of(sensor, scene.world_from_left),
+            other=_other(scene, sensor),
+            other_power_w=opaque("Float", [scene.other_projector.power_w]),
+            sun=_Directional.of(scene.sun) if scene.sun.irradiance_w_m2 else None,
+        )
+
+    @property
+    def count(self) -> int:
+        """How many radiances `returned` gives."""
+        return 2 + (self.other is not None or self.sun is not None)
+
+    def returned(self, stage: Stage, si: Any) -> list[Any]:
+        """Radiance that surface points return of the projector, of ambient light, of all others.
+
+        The first two are for lights of unit strength, the third is left out where there are none.
+        """
+        parts = [_projected(stage, self.projector, si), _ambient(stage, si)]
+        if self.count == 2:
+            return parts
+        rest = backend.mitsuba().Float(0)
+        if self.other is not None:
+            rest = rest + self.other_power_w * _projected(stage, self.other, si)
+        if self.sun is not None:
+            rest = rest + self.sun.returned(stage, si)
+        return [*parts, rest]
+
+    def sky(self, stage: Stage, way: Any) -> list[Any]:
+        """Radiance that comes from beyond the scene against directions `way`, of each light.
+
+        Only ambient light does: projectors and the sun are seen by what they light.
+        """
+        mi = backend.mitsuba()
+        ambient = stage.scene.ambient
+        radiance = (1 + _tilt(ambient, way, ambient.gradient)) / np.pi
+        return [mi.Float(0), radiance, mi.Float(0)][: self.count]
+
+
+def towards_viewer(si: Any) -> Any:
+    """Normals of surface points, on the side they are seen from."""
+    dr = backend.drjit()
+    normal = si.sh_frame.n
+    return dr.select(dr.dot(normal, si.to_world(si.wi)) < 0, -normal, normal)
+
+
+@dataclass(frozen=True, slots=True)
+class _Directional:
+    """Light from one direction."""
+
+    towards: Any  # Vector3f, unit
+    irradiance: Any  # Float, on a surface that faces it [W m^-2]
+
+    @staticmethod
+    def of(sun: Sun) -> _Directional:
+        towards = np.asarray(sun.towards) / np.linalg.norm(sun.towards)
+        return _Directional(opaque("Vector3f", towards), opaque("Float", [sun.irradiance_w_m2]))
+
+    def returned(self, stage: Stage, si: Any) -> Any:
+        """Radiance that surface points return: f cos(theta) E where nothing is in the way.
+
+        A shadow ray starts as much above the surface as `shadow_tolerance` allows of the way to
+        the imager, for surfaces measured with noise would otherwise shadow themselves.
+        """
+        mi, dr = backend.mitsuba(), backend.drjit()
+        ray = si.spawn_ray(self.towards)
+        ray.o += self.towards * (si.t * stage.scene.shadow_tolerance)
+        active = si.is_valid()
+        active &= ~stage.blocking().mitsuba.ray_test(ray, active)
+        brdf_cos = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(self.towards), active)[0]
+        radiance = dr.select(active, brdf_cos * self.irradiance, 0)
+        if stage.specular is None:
+            return radiance
+        return radiance * stage.specular.transmitted(ray, dr.inf, active)
+
+
+def _other(scene: Scene, sensor: Sensor) -> Light | None:
+    """Another device's projector, as if it were a stereo camera's."""
+    if not scene.other_projector.power_w:
+        return None
+    device = dataclasses.replace(sensor, kind="stereo", projector=scene.other_projector)
+    return Light.of(device, scene.world_from_left)
+
+
+def _projected(stage: Stage, light: Light, si: Any) -> Any:
+    """Radiance returned of a projector's light, where that comes through glass too."""
+    if stage.specular is None:
+        return projected(stage, light, si)
+    return projected(stage.blocking(), light, si) * _passed(stage, stage.specular, light, si)
+
+
+def _passed(stage: Stage, specular: Specular, light: Light, si: Any) -> Any:
+    """Share of a projector's light that glass on the way lets pass."""
+    mi, dr = backend.mitsuba(), backend.drjit()
+    way = si.p - light.place.origin
+    distance = dr.norm(way)
+    ray = mi.Ray3f(light.place.origin, way / distance)
+    short = distance * (1 - stage.scene.shadow_tolerance)
+    return specular.transmitted(ray, short, si.is_valid())
+
+
+def _ambient(stage: Stage, si: Any) -> Any:
+    """Radiance that surface points return of ambient light of 1 W m^-2 [W m^-2 sr^-1]."""
+    dr = backend.drjit()
+    ambient = stage.scene.ambient
+    albedo = stage.albedo(si)
+    tilt = _tilt(ambient, towards_viewer(si), 2 / 3 * ambient.gradient)
+    return dr.select(si.is_valid(), albedo / np.pi * (1 + tilt), 0)
+
+
+def _tilt(ambient: Ambient, direction: Any, gradient: float) -> Any:
+    """How much more light than the mean comes from, or falls on what faces, a direction."""
+    mi, dr = backend.mitsuba(), backend.drjit()
+    return dr.dot(direction, mi.Vector3f(*ambient.up)) * gradient

@@ -1,0 +1,64 @@
+"""What `sim.paths` gives made with Mitsuba's own path tracer, for want of a compiler."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim import backend, plugin_scene
+from sim.frames import Pose
+from sim.layers import Image
+from sim.paths import Surfaces
+from sim.sensor import Sensor
+from sim.stage import Stage
+
+
+def radiance(
+    stage: Stage,
+    sensor: Sensor,
+    world_from_camera: Pose,
+    irradiance: Image,
+    *,
+    shrink: int,
+    samples: int,
+    seed: int,
+) -> Image:
+    """As `sim.paths.radiance`, in any variant; what mirrors show counts as indirect here.
+
+    Args:
+        stage: the scene.
+        sensor: with square pixels.
+        world_from_camera: pose of one imager.
+        irradiance: (h, w) of 1 W on the plane at unit distance over the projector's field.
+        shrink: the image is smaller than the sensor's by this factor.
+        samples: paths a pixel.
+        seed: of the sampler.
+    """
+    mi = backend.mitsuba()
+    lit = plugin_scene.lit(stage, sensor, irradiance)
+    sampler = {"type": "independent", "sample_count": samples}
+    camera = plugin_scene.camera(sensor, world_from_camera, sampler=sampler, shrink=shrink)
+    images = []
+    for depth in (-1, 2):  # Equal seeds: the direct light is the same bits in both.
+        integrator = mi.load_dict({"type": "path", "max_depth": depth, "hide_emitters": True})
+        image = mi.render(lit, sensor=camera, integrator=integrator, spp=samples, seed=seed)
+        images.append(np.array(image)[..., 0].astype(np.float32))
+    return np.maximum(images[0] - images[1], 0)
+
+
+def surfaces(stage: Stage, sensor: Sensor, world_from_camera: Pose, *, shrink: int) -> Surfaces:
+    """As `sim.paths.surfaces`, in any variant."""
+    mi = backend.mitsuba()
+    camera = plugin_scene.camera(
+        sensor, world_from_camera, sampler=plugin_scene.fixed(1), shrink=shrink
+    )
+    integrator = mi.load_dict({"type": "aov", "aovs": "p:position,n:sh_normal,a:albedo"})
+    image = np.array(mi.render(stage.mitsuba, sensor=camera, integrator=integrator, spp=1))
+    hit = np.linalg.norm(image[..., 3:6], axis=-1) > 0.5
+    local = (image[..., 0:3] - world_from_camera[:3, 3]) @ world_from_camera[:3, :3]
+    normal = image[..., 3:6] @ world_from_camera[:3, :3]
+    away = np.einsum("ijk,ijk->ij", normal, local) > 0
+    return Surfaces(
+        albedo=np.minimum(image[..., 6], 1).astype(np.float32),
+        depth_m=np.where(hit, local[..., 2], 0).astype(np.float32),
+        normal=np.where(away[..., None], -normal, normal).astype(np.float32),
+    )

@@ -1,0 +1,123 @@
+"""The table's two laws over the whole chain: neutral is the identity, and every row acts."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sim import atlas, effects, imager, render, sensors, simulate
+from sim.effects import Effect, Stage, Value, setting
+from sim.layers import Layers
+from sim.scene import Scene
+from sim.scenes import builtin
+from sim.sensor import Sensor
+from sim.stage import Stage as Set
+
+SMALL = 0.4
+FRAMES = 5  # For what acts over time.
+
+
+@cache
+def noisy() -> tuple[Sensor, Scene]:
+    """A D435 at two fifths of its size, as the preset has it."""
+    preset = sensors.load("d435")
+    geometry = {
+        name: getattr(preset, name) * SMALL for name in ("fx_px", "fy_px", "cx_px", "cy_px")
+    }
+    size = {name: round(getattr(preset, name) * SMALL) for name in ("width", "height")}
+    matcher = dataclasses.replace(preset.matcher, search_px=64)
+    return dataclasses.replace(preset, **geometry, **size, matcher=matcher), builtin.tabletop()
+
+
+@cache
+def ideal() -> tuple[Sensor, Scene]:
+    """The same without any departure, but lit by the room and not only by dots."""
+    sensor, scene = setting.ideal(*noisy())
+    return sensor, setting.on_scene(scene, {"ambient": 0.1})
+
+
+@cache
+def ideal_layers() -> Layers:
+    sensor, scene = ideal()
+    return render.layers(Set(scene), sensor)
+
+
+def test_the_ideal_camera_is_nothing_but_a_scale() -> None:
+    """Light times a number, rounded: no stage leaves a trace in the infrared, bit for bit.
+
+    It does not prove that fields beyond the infrared (matcher, post) are neutral.
+    """
+    sensor, scene = ideal()
+    layers = ideal_layers()
+    pair = simulate.infrared(layers, scene, sensor, seed=3, frame=2)
+    part = sensor.left
+    scale = np.float32(
+        imager.electrons_per_radiance(part, sensor.projector.wavelength_nm, part.exposure_s)
+    )
+    power, ambient = (
+        np.float32(sensor.projector.power_w),
+        np.float32(scene.ambient.irradiance_w_m2),
+    )
+    for view, seen in ((layers.left, pair.left), (layers.right, pair.right)):
+        radiance = view.projector_direct * power + (view.ambient * ambient + view.other)
+        electrons = np.minimum(radiance * scale, np.float32(part.full_well_e))
+        expected = np.rint(electrons * np.float32(part.dn_per_electron)).astype(np.uint16)
+        assert np.array_equal(seen, expected)
+
+
+def _moved(row: Effect, base: tuple[Sensor, Scene]) -> dict[str, Value]:
+    """The row's first parameter far from where it stands."""
+    first = row.parameters[0]
+    here = setting.value(first, *base)
+    ends: tuple[Any, ...] = first.choices or (first.low, first.high)
+    return {row.name: next(end for end in reversed(ends) if end != here)}
+
+
+NO_NEED = [row for row in effects.table() if not row.rerender and row.stage is not Stage.MATCHER]
+
+
+@settings(max_examples=25)
+@given(st.sets(st.sampled_from(NO_NEED), max_size=6), st.integers(0, 5))
+def test_back_at_neutral_is_as_if_it_had_never_been(rows: set[Effect], seed: int) -> None:
+    """Random sets of rows go away from neutral and come back: the infrared has the same bits."""
+    base = ideal()
+    away = {name: value for row in rows for name, value in _moved(row, base).items()}
+    back = {name: setting.value(setting.parameter_of(name)[1], *base) for name in away}
+    sensor, scene = setting.apply(*setting.apply(*base, away), back)
+    first = simulate.infrared(ideal_layers(), base[1], base[0], seed=seed)
+    again = simulate.infrared(ideal_layers(), scene, sensor, seed=seed)
+    assert np.array_equal(first.left, again.left) and np.array_equal(first.right, again.right)
+
+
+def _reading(sensor: Sensor, scene: Scene) -> list[np.ndarray]:
+    frames = FRAMES if sensor.post.temporal_alpha < 1 else 2
+    *_, shot = simulate.sequence(scene, sensor, frames=frames)
+    depth = np.rint(np.nan_to_num(shot.depth.depth_m / sensor.post.depth_unit_m, nan=-1))
+    return [
+        *(
+            image / part.ceiling_dn
+            for image, part in ((shot.ir_left, sensor.left), (shot.ir_right, sensor.right))
+        ),
+        depth * sensor.post.depth_unit_m,
+        np.nan_to_num(shot.registered_m) if shot.registered_m is not None else np.zeros(1),
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("row", effects.table(), ids=lambda row: row.name)
+def test_every_row_acts(row: Effect) -> None:
+    """Away from neutral a row changes the infrared, the depth or the registered depth."""
+    base = noisy() if row.stage in (Stage.MATCHER, Stage.POST) else ideal()
+    base = setting.apply(*base, atlas.SHOWN_WITH.get(row.name, {}))
+    plain, changed = _reading(*base), _reading(*setting.apply(*base, _moved(row, base)))
+    same = [
+        before.shape == after.shape and np.array_equal(before, after)
+        for before, after in zip(plain, changed, strict=True)
+    ]
+    assert not all(same)
