@@ -38,10 +38,10 @@ def tiled(
 
     Sources: 3 x 3 sub-patterns of 211 x 165 spots on an orthogonal grid, spots lit or dark, a
     central spot much brighter, tiles of different brightness, pincushion (A. Reichinger, "Kinect
-    pattern uncovered", 2011). Field 57 x 43 deg: the infrared camera's; the projector's own is
-    assumed to be the same. Assumed: lit_share, centre_gain, tile_spread, fwhm_mrad (2 px of the
-    1280-px-wide imager), power_spread, background, the no-touch rule. No site is copied from the
-    device.
+    pattern uncovered", 2011). Field 57 x 43 deg: the infrared camera's; a projector beside it has
+    to reach further (docs/decisions/0015-structured-light.md). Assumed: lit_share, centre_gain,
+    tile_spread, fwhm_mrad (2 px of the 1280-px-wide imager), power_spread, background, the no-touch
+    rule. No site is copied from the device.
 
     Args:
         fov_x_deg: Full horizontal field [deg], filled by the tiles along the middle row.

@@ -31,8 +31,7 @@ SHOWN_WITH: dict[str, dict[str, Value]] = {
 }
 _FRAMES = 6  # Where a filter over time is on: enough for it to settle.
 _CROP = (0.42, 0.40, 0.36)  # Left, top and size of the part shown of the infrared, of the image's.
-_PANEL_IN = 3.4
-_DPI = 100
+_DPI = 65
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -150,16 +149,8 @@ def _bytes(infrared: Infrared, sensor: Sensor) -> NDArray[np.uint8]:
 def _picture(row: Effect, value: Value, without: _Seen, affected: _Seen) -> bytes:
     """Draw infrared, disparity error and holes, without the effect on the left, with it right."""
     name = f"{row.name} = {value:g}" if isinstance(value, float) else f"{row.name} = {value}"
-    rows = []
-    cut = [_cropped(seen.shot.ir_left) for seen in (without, affected)]
-    limits = panels.infrared_limits(cut[0])
     titles = ("without", name)
-    rows.append(
-        [
-            Panel(draw=partial(panels.infrared, image=image, limits=limits, title=title))
-            for image, title in zip(cut, titles, strict=True)
-        ]
-    )
+    rows = [_top(without, affected, titles)]
     rows.append(
         [
             Panel(
@@ -179,7 +170,28 @@ def _picture(row: Effect, value: Value, without: _Seen, affected: _Seen) -> byte
         ]
     )
     shape = without.shot.depth.valid.shape
-    return sheet.draw(rows, shape, panel_in=_PANEL_IN, dpi=_DPI, kind="jpeg")
+    return sheet.draw(rows, shape, dpi=_DPI, kind="jpeg")
+
+
+def _top(without: _Seen, affected: _Seen, titles: tuple[str, str]) -> list[Panel]:
+    """Draw part of the infrared; where depth was registered, that beside the depth it is of."""
+    registered = affected.shot.registered_m
+    if registered is not None:
+        depths = (without.shot.depth.depth_m, registered)
+        limits = panels.depth_limits(*depths)
+        return [
+            Panel(
+                draw=partial(panels.depth, depth_m=depth, limits=limits, title=title),
+                below_in=panels.BAR_IN,
+            )
+            for depth, title in zip(depths, titles, strict=True)
+        ]
+    cut = [_cropped(seen.shot.ir_left) for seen in (without, affected)]
+    limits = panels.infrared_limits(cut[0])
+    return [
+        Panel(draw=partial(panels.infrared, image=image, limits=limits, title=title))
+        for image, title in zip(cut, titles, strict=True)
+    ]
 
 
 def _cropped(infrared: Any) -> Any:

@@ -111,7 +111,7 @@ def write_frame(
     *,
     depth: DepthMap,
     depth_unit_m: float,
-    infrared: tuple[GreyImage, GreyImage] | None = None,
+    infrared: tuple[GreyImage, GreyImage | None] | None = None,
     registered_m: NDArray[np.float32] | None = None,
     colour: NDArray[np.uint8] | None = None,
     layers: Layers | None = None,
@@ -125,7 +125,7 @@ def write_frame(
         number: the frame's.
         depth: goes to `depth.png` as 16-bit code, its reasons to `frame.json` as counts.
         depth_unit_m: step of the code [m].
-        infrared: left and right, (h, w).
+        infrared: left and right, (h, w); no right one with structured light.
         registered_m: depth in the colour camera's image, goes to `depth_colour.png` as code.
         colour: (h, w, 3) red, green, blue, goes to `rgb.png`.
         layers: with `depth` go to `frame.exr`.
@@ -134,7 +134,8 @@ def write_frame(
     at = f"{scene}/{number}"
     if infrared is not None:
         folder.write(f"{at}/ir_left.png", png.encode(infrared[0]))
-        folder.write(f"{at}/ir_right.png", png.encode(infrared[1]))
+        if infrared[1] is not None:
+            folder.write(f"{at}/ir_right.png", png.encode(infrared[1]))
     folder.write(f"{at}/depth.png", png.encode(to_code(depth.depth_m, depth_unit_m)))
     if registered_m is not None:
         folder.write(f"{at}/depth_colour.png", png.encode(to_code(registered_m, depth_unit_m)))

@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import frames, render
+from patterns import errors
+from sim import frames, placement, render
 from sim.layers import Image
 from sim.parts.projector import Projector
 from sim.scene import Body, Scene
@@ -18,7 +19,7 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # Rec. ITU-R BT.709
 _LINEAR_END = 0.0031308  # IEC 61966-2-1: sRGB's curve is a line below.
 
 
-def picture(scene: Scene, sensor: Sensor, colour: Colour) -> NDArray[np.uint8]:
+def picture(scene: Scene, sensor: Sensor) -> NDArray[np.uint8]:
     """Render what the colour camera sees of a scene under its ambient light and sun.
 
     The lights are taken as white and the projector as invisible, as the camera's own filter
@@ -28,18 +29,29 @@ def picture(scene: Scene, sensor: Sensor, colour: Colour) -> NDArray[np.uint8]:
     Args:
         scene: with visible reflectances where its materials have them; grey elsewhere.
         sensor: that carries the camera.
-        colour: the camera.
 
     Returns:
         (h, w, 3) red, green, blue in sRGB.
+
+    Raises:
+        InputError: if the sensor has no colour camera.
     """
+    scene, sensor = placement.rig(scene, sensor)
+    if sensor.colour is None:
+        raise errors.refuse(
+            "colour",
+            "must be given",
+            f"none in {sensor.name}",
+            "Add a [colour] table to the sensor.",
+        )
+    colour = sensor.colour
     camera = _as_imager(sensor, colour)
     pose = scene.world_from_left @ frames.pose(colour.position_m, colour.rotation_deg)
-    channels = [
-        _channel(dataclasses.replace(_visible(scene, index), world_from_left=pose), camera)
-        for index in range(3)
-    ]
-    linear = np.stack(channels, axis=-1)
+    scene = dataclasses.replace(scene, world_from_left=pose)
+    # A scene of which no colour is known is grey: one render serves all three channels.
+    coloured = any(body.material.rgb is not None for body in scene.bodies)
+    channels = [_channel(_visible(scene, index), camera) for index in range(3 if coloured else 1)]
+    linear = np.stack(channels if coloured else 3 * channels, axis=-1)
     return _srgb(linear, colour.level)
 
 

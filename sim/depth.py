@@ -12,7 +12,8 @@ from patterns import errors
 from sim.reason import Reason, first_cause
 from sim.sensor import Sensor
 
-if TYPE_CHECKING:  # Loads a compiler.
+if TYPE_CHECKING:  # Loads compilers.
+    from sim.matching.disparity import DisparityMap
     from sim.post.temporal import History
 
 _MATCHED_BITS = 10
@@ -81,6 +82,20 @@ def from_code(code: NDArray[np.uint16], depth_unit_m: float) -> NDArray[np.float
     return np.where(code > 0, depth, np.float32(np.nan))
 
 
+def _matched(ir_left: NDArray, ir_right: NDArray | None, sensor: Sensor) -> DisparityMap:
+    if sensor.kind == "structured_light":
+        from sim import reference
+
+        return reference.matched(_readable(ir_left, sensor), sensor)
+    if ir_right is None:
+        raise errors.refuse(
+            "ir_right", "must be given", "None", "Only structured light matches one image."
+        )
+    from sim.matching import match
+
+    return match(_readable(ir_left, sensor), _readable(ir_right, sensor), sensor.matcher)
+
+
 def _readable(infrared: NDArray, sensor: Sensor) -> NDArray:
     """Leave out the bits that an ideal converter has beyond those that matchers read."""
     excess = sensor.left.bit_depth - _MATCHED_BITS
@@ -89,7 +104,7 @@ def _readable(infrared: NDArray, sensor: Sensor) -> NDArray:
 
 def measure(
     ir_left: NDArray,
-    ir_right: NDArray,
+    ir_right: NDArray | None,
     sensor: Sensor,
     *,
     causes: dict[Reason, NDArray[np.bool_]],
@@ -99,7 +114,7 @@ def measure(
 
     Args:
         ir_left: (h, w) uint8, or uint16 of as many bits as the sensor's left imager has.
-        ir_right: likewise, rectified; for structured light the stored reference.
+        ir_right: likewise, rectified; None for structured light, which has a stored reference.
         sensor: its matcher, geometry and post-processing.
         causes: masks (h, w) of what else is known to keep a pixel from having depth. They name
             the reason where there is none; they remove nothing.
@@ -108,10 +123,9 @@ def measure(
     Raises:
         InputError: if the pair cannot be matched or `past` is of another size.
     """
-    from sim.matching import match  # Loads compilers that only matching needs.
-    from sim.post import chain
+    from sim.post import chain  # Loads a compiler, like all that matches.
 
-    found = match(_readable(ir_left, sensor), _readable(ir_right, sensor), sensor.matcher)
+    found = _matched(ir_left, ir_right, sensor)
     own = {Reason(code): found.reason == code for code in np.unique(found.reason) if code}
     # What is known of the scene goes before what the matcher supposes of it.
     reason = first_cause(found.valid, own | causes)

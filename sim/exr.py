@@ -76,6 +76,7 @@ def write(path: Path, layers: Layers, depth: DepthMap) -> None:
             part,
         )
         for part, channels in _LAYOUT.items()
+        if part in arrays
     ]
     try:
         OpenEXR.File(parts).write(str(path))
@@ -114,16 +115,18 @@ def read(path: Path) -> tuple[Layers, DepthMap]:
             }
     except (RuntimeError, ValueError, TypeError) as error:
         raise errors.refuse("EXR file", "must be readable", path, f"{error}.") from error
-    arrays = {part: _channels(path, part, found.get(part)) for part in _LAYOUT}
+    needed = [part for part in _LAYOUT if part != "right" or part in found]
+    arrays = {part: _channels(path, part, found.get(part)) for part in needed}
     _check_sizes(path, arrays)
     return _layers(arrays), _depth(arrays["depth"])
 
 
 def _arrays(layers: Layers, depth: DepthMap) -> dict[str, dict[str, NDArray[Any]]]:
-    truth = layers.truth
+    truth, views = layers.truth, {"left": layers.left}
+    if layers.right is not None:
+        views["right"] = layers.right
     return {
-        "left": {name: getattr(layers.left, name) for name in _VIEW},
-        "right": {name: getattr(layers.right, name) for name in _VIEW},
+        **{side: {name: getattr(view, name) for name in _VIEW} for side, view in views.items()},
         "truth": {
             "depth_m": truth.depth_m,
             **{name: truth.normal[..., axis] for axis, name in enumerate(_NORMAL)},
@@ -177,7 +180,7 @@ def _layers(arrays: dict[str, dict[str, NDArray[Any]]]) -> Layers:
     truth = arrays["truth"]
     return Layers(
         left=View(**arrays["left"]),
-        right=View(**arrays["right"]),
+        right=View(**arrays["right"]) if "right" in arrays else None,
         truth=Truth(
             depth_m=truth["depth_m"],
             normal=np.stack([truth[name] for name in _NORMAL], axis=-1).astype(np.float32),
@@ -189,4 +192,9 @@ def _layers(arrays: dict[str, dict[str, NDArray[Any]]]) -> Layers:
 
 
 def _depth(channels: dict[str, NDArray[Any]]) -> DepthMap:
-    return DepthMap(valid=channels["reason"] == Reason.VALID, **channels)
+    return DepthMap(
+        disparity_px=channels["disparity_px"],
+        depth_m=channels["depth_m"],
+        valid=channels["reason"] == Reason.VALID,
+        reason=channels["reason"],
+    )

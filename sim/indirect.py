@@ -24,7 +24,8 @@ from sim.stage import Stage
 _SHRINK = 4
 _DOT_SHRINK = 8  # A pattern without dots needs no more than an eighth of its pixels a side.
 _DOT_MEAN_PX = 4.0  # Sigma over which it is averaged, in these pixels.
-_SIGMA_PX = 5.0  # Of the low-pass, in coarse pixels.
+_SIGMA_PX = 5.0  # Of the low-pass, in coarse pixels, at this many
+_SAMPLES = 16  # paths a pixel; fewer are averaged over more pixels.
 _OTHER_DEPTH = 0.05  # Relative step of depth, and
 _OTHER_NORMAL = 0.3  # step of a normal's component, that mean another surface.
 _LEAST_ALBEDO = 0.02  # Darker surfaces return too little to divide by.
@@ -44,12 +45,14 @@ def add(layers: Layers, stage: Stage, sensor: Sensor, *, samples: int, seed: int
     irradiance = _without_dots(projector.irradiance_at_unit_distance(sensor.projector))
     make = _traced if backend.is_jit() else _plugged
     share = np.float32(1 / scene.model_error.scale**2)  # See `placement.enlarged`.
-    left, right = (image * share for image in make(stage, sensor, irradiance, samples, seed))
-    return dataclasses.replace(
-        layers,
-        left=dataclasses.replace(layers.left, projector_indirect=left),
-        right=dataclasses.replace(layers.right, projector_indirect=right),
+    made = [image * share for image in make(stage, sensor, irradiance, samples, seed)]
+    views = (layers.left, layers.right)[: len(made)]
+    left, *right = (
+        dataclasses.replace(view, projector_indirect=image)
+        for view, image in zip(views, made, strict=True)
+        if view is not None
     )
+    return dataclasses.replace(layers, left=left, right=right[0] if right else None)
 
 
 def _without_dots(irradiance: Image) -> Image:
@@ -75,27 +78,28 @@ class _Averaged:
 def _traced(
     stage: Stage, sensor: Sensor, irradiance: Image, samples: int, seed: int
 ) -> list[Image]:
-    """Both views by own rays."""
+    """The imagers' views by own rays."""
     lights = Lights.of(stage, sensor)
     averaged: Any = _Averaged(irradiance)
     mean = dataclasses.replace(lights.projector, pattern=averaged)
     lights = dataclasses.replace(lights, projector=mean, other=None, sun=None)
     images = []
-    for side, pose in zip(("left", "right"), _poses(stage, sensor), strict=True):
+    for side, pose in _poses(stage, sensor).items():
         draw = randomness.generator(seed, 0, "scene", f"interreflection {side}")
         place = Placed.of(pose)
         coarse, fine = (_camera(sensor, place, shrink) for shrink in (_SHRINK, 1))
         sampled = paths.radiance(stage, coarse, lights, samples, int(draw.integers(2**63)))
-        images.append(_smooth(sampled, paths.surfaces(stage, coarse), paths.surfaces(stage, fine)))
+        seen = [paths.surfaces(stage, camera) for camera in (coarse, fine)]
+        images.append(_smooth(sampled, seen[0], seen[1], samples))
     return images
 
 
 def _plugged(
     stage: Stage, sensor: Sensor, irradiance: Image, samples: int, seed: int
 ) -> list[Image]:
-    """Both views by Mitsuba's path tracer."""
+    """The imagers' views by Mitsuba's path tracer."""
     images = []
-    for number, pose in enumerate(_poses(stage, sensor)):
+    for number, pose in enumerate(_poses(stage, sensor).values()):
         sampled = paths_scalar.radiance(
             stage,
             sensor,
@@ -108,13 +112,16 @@ def _plugged(
         coarse, fine = (
             paths_scalar.surfaces(stage, sensor, pose, shrink=shrink) for shrink in (_SHRINK, 1)
         )
-        images.append(_smooth(sampled, coarse, fine))
+        images.append(_smooth(sampled, coarse, fine, samples))
     return images
 
 
-def _poses(stage: Stage, sensor: Sensor) -> tuple[frames.Pose, frames.Pose]:
+def _poses(stage: Stage, sensor: Sensor) -> dict[str, frames.Pose]:
+    """Poses of the imagers there are."""
     left = stage.scene.world_from_left
-    return left, frames.right_of(left, sensor.baseline_m)
+    if sensor.kind == "structured_light":
+        return {"left": left}
+    return {"left": left, "right": frames.right_of(left, sensor.baseline_m)}
 
 
 def _camera(sensor: Sensor, place: Placed, shrink: int) -> Camera:
@@ -129,11 +136,11 @@ def _camera(sensor: Sensor, place: Placed, shrink: int) -> Camera:
     )
 
 
-def _smooth(sampled: Image, coarse: paths.Surfaces, fine: paths.Surfaces) -> Image:
+def _smooth(sampled: Image, coarse: paths.Surfaces, fine: paths.Surfaces, samples: int) -> Image:
     """Low-pass what a unit albedo would return, raise it to the fine size, and dim it again."""
     irradiance = np.asarray(sampled / np.maximum(coarse.albedo, _LEAST_ALBEDO), np.float32)
-    low = _guide(coarse)
-    return fine.albedo * _raised(_low_passed(irradiance, low), low, _guide(fine))
+    low, sigma_px = _guide(coarse), _SIGMA_PX * (_SAMPLES / samples) ** 0.25
+    return fine.albedo * _raised(_low_passed(irradiance, low, sigma_px), low, _guide(fine))
 
 
 def _guide(seen: paths.Surfaces) -> Image:
@@ -143,7 +150,7 @@ def _guide(seen: paths.Surfaces) -> Image:
     return np.concatenate([depth / _OTHER_DEPTH, turned / _OTHER_NORMAL], -1, dtype=np.float32)
 
 
-def _low_passed(image: Image, guide: Image) -> Image:
+def _low_passed(image: Image, guide: Image, sigma_px: float) -> Image:
     """Average over neighbours on the same surface, and once more over what that took away.
 
     Light that rises towards a corner is averaged with darker neighbours only; the second pass
@@ -152,8 +159,8 @@ def _low_passed(image: Image, guide: Image) -> Image:
     Source: joint bilateral filter; the second pass is Tukey's "twicing" (Exploratory Data
     Analysis, 1977, sec. 16).
     """
-    smooth = cv2.ximgproc.jointBilateralFilter(guide, image, -1, 1.0, _SIGMA_PX)
-    rest = cv2.ximgproc.jointBilateralFilter(guide, image - smooth, -1, 1.0, _SIGMA_PX)
+    smooth = cv2.ximgproc.jointBilateralFilter(guide, image, -1, 1.0, sigma_px)
+    rest = cv2.ximgproc.jointBilateralFilter(guide, image - smooth, -1, 1.0, sigma_px)
     return np.asarray(np.maximum(smooth + rest, 0), np.float32)
 
 

@@ -43,5 +43,5 @@ class Layers:
     """One scene as one sensor's imagers receive it."""
 
     left: View
-    right: View
+    right: View | None  # None: structured light, which has one imager.
     truth: Truth

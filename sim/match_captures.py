@@ -75,7 +75,7 @@ def match_captures(
 
 def _match(scene: CapturedScene, sensor: Sensor) -> depth.DepthMap:
     frame = scene.frame(scene.frames[0])
-    if frame.ir_left is None or frame.ir_right is None:
+    if frame.ir_left is None or (frame.ir_right is None and sensor.kind == "stereo"):
         raise errors.refuse(
             f"scene {scene.name}",
             "must hold ir_left.png and ir_right.png",

@@ -33,11 +33,19 @@ def in_model(stage: Stage, sensor: Sensor) -> tuple[Stage, Sensor]:
         Stage and sensor without these errors, to be rendered in their stead; the same objects
         where there are none.
     """
-    if stage.scene.model_error == ModelError() and sensor.baseline_error == 0:
+    scene, true = rig(stage.scene, sensor)
+    if scene is stage.scene:
         return stage, sensor
     placed = copy.copy(stage)
-    placed.scene = _scene(stage.scene)
-    return placed, _sensor(sensor, stage.scene.model_error.scale)
+    placed.scene = scene
+    return placed, true
+
+
+def rig(scene: Scene, sensor: Sensor) -> tuple[Scene, Sensor]:
+    """As `in_model`, of a scene that need not stand in Mitsuba."""
+    if scene.model_error == ModelError() and sensor.baseline_error == 0:
+        return scene, sensor
+    return _scene(scene), _sensor(sensor, scene.model_error.scale)
 
 
 def enlarged(layers: Layers, scene: Scene) -> Layers:
@@ -57,7 +65,7 @@ def enlarged(layers: Layers, scene: Scene) -> Layers:
     return dataclasses.replace(
         layers,
         left=_enlarged(layers.left, scale),
-        right=_enlarged(layers.right, scale),
+        right=None if layers.right is None else _enlarged(layers.right, scale),
         truth=dataclasses.replace(layers.truth, depth_m=depth),
     )
 

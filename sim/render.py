@@ -47,7 +47,7 @@ def layers(stage: Stage, sensor: Sensor, *, subpixels: int = 2, exposure_s: floa
     paths = motion.paths(stage, sensor, left, exposure_s)
     rendered = Layers(
         left=_view(stage, left, lights, subpixels, paths[0]),
-        right=_view(stage, right, lights, subpixels, paths[1]),
+        right=_right(stage, sensor, right, lights, subpixels, paths[1]),
         truth=_truth(stage, left, right, lights.projector),
     )
     return placement.enlarged(rendered, scene)
@@ -65,6 +65,19 @@ def view(stage: Stage, sensor: Sensor, *, subpixels: int = 2) -> View:
         return render_scalar.view(stage, sensor, subpixels=subpixels)
     left, _ = cameras(sensor, stage.scene.world_from_left)
     return _view(stage, left, Lights.of(stage, sensor), subpixels, None)
+
+
+def _right(
+    stage: Stage,
+    sensor: Sensor,
+    camera: Camera,
+    lights: Lights,
+    subpixels: int,
+    path: motion.Path | None,
+) -> View | None:
+    if sensor.kind == "structured_light":
+        return None
+    return _view(stage, camera, lights, subpixels, path)
 
 
 def _view(

@@ -34,7 +34,9 @@ def layers(stage: Stage, sensor: Sensor, *, subpixels: int) -> Layers:
     seen_left, seen_right = (_Seen(stage, sensor, pose) for pose in (left, right))
     return Layers(
         left=_view(stage, sensor, lit, left, seen_left, subpixels),
-        right=_view(stage, sensor, lit, right, seen_right, subpixels),
+        right=None
+        if sensor.kind == "structured_light"
+        else _view(stage, sensor, lit, right, seen_right, subpixels),
         truth=_truth(stage, sensor, seen_left),
     )
 

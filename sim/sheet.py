@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 _GAP_IN = 0.25  # Between columns.
 _HEADING_IN = 0.36  # Above each panel.
-_JPEG_QUALITY = 82
+_JPEG_QUALITY = 62
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from patterns import errors
-from sim import imager, reference, render
+from sim import imager, render
 from sim.depth import DepthMap, disparity_from_depth, measure
 from sim.imager import Infrared
 from sim.layers import Image, Layers, Mask, Truth, View
@@ -38,7 +38,7 @@ class Shot:
 
     layers: Layers
     ir_left: Infrared
-    ir_right: Infrared
+    ir_right: Infrared | None  # None: structured light, which has one imager.
     depth: DepthMap
     registered_m: Image | None  # Depth in the colour camera's image, where that is asked for.
     exposure_s: float
@@ -50,7 +50,7 @@ class Pair:
     """One reading of the imagers."""
 
     left: Infrared
-    right: Infrared  # With structured light, the stored reference.
+    right: Infrared | None  # None: structured light.
     electrons: Image  # Expected in the left imager's pixels, before noise (h, w).
     exposure: imager.Exposure
 
@@ -138,7 +138,7 @@ def infrared(
     """Turn rendered layers into the infrared pair alone (see `expose`)."""
     wavelength = sensor.projector.wavelength_nm
     views: dict[Side, View] = {"left": layers.left}
-    if sensor.kind == "stereo":
+    if layers.right is not None:
         views["right"] = layers.right
     parts: dict[Side, Imager] = {"left": sensor.left, "right": sensor.right}
 
@@ -168,7 +168,7 @@ def infrared(
         read = dict(zip(views, pool.map(read_out, views), strict=True))
     return Pair(
         left=read["left"],
-        right=read["right"] if sensor.kind == "stereo" else reference.image(sensor),
+        right=read.get("right"),
         electrons=electrons["left"],
         exposure=exposure,
     )
@@ -192,18 +192,19 @@ def _layers(stage: Stage, sensor: Sensor, samples: int, seed: int) -> Layers:
 def _geometric_causes(truth: Truth, sensor: Sensor) -> dict[Reason, Mask]:
     """Causes that follow from where things are."""
     surface = np.isfinite(truth.depth_m)
-    disparity = disparity_from_depth(
-        truth.depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
-    )
-    column = np.arange(sensor.width, dtype=np.float32)
-    outside = surface & (column - disparity < -0.5)
     causes = {
         Reason.NO_SURFACE: ~surface,
-        Reason.OUTSIDE_OVERLAP: outside,
         Reason.SHADOWED: surface & ~truth.lit & (sensor.projector.power_w > 0),
     }
-    if sensor.kind == "stereo":  # Else there is no right imager to be hidden from.
-        causes[Reason.OCCLUDED] = surface & ~truth.right_sees & ~outside
+    if sensor.kind == "structured_light":  # There is no right imager to be hidden from.
+        return causes
+    true_baseline_m = sensor.baseline_m * (1 + sensor.baseline_error)
+    disparity = disparity_from_depth(
+        truth.depth_m, focal_px=sensor.fx_px, baseline_m=true_baseline_m
+    )
+    outside = surface & (np.arange(sensor.width, dtype=np.float32) - disparity < -0.5)
+    causes[Reason.OUTSIDE_OVERLAP] = outside
+    causes[Reason.OCCLUDED] = surface & ~truth.right_sees & ~outside
     return causes
 
 

@@ -235,7 +235,7 @@ def _rgb(scene: Scene, sensor: Sensor) -> NDArray[np.uint8] | None:
         return None
     from sim import colour
 
-    return colour.picture(scene, sensor, sensor.colour)
+    return colour.picture(scene, sensor)
 
 
 def _write_shot(

@@ -1,0 +1,214 @@
+"""A moving sensor: how far edges smear and lean, against f v t / z by hand.
+
+Rationale: a sensor that moves at v beside a plane at z sees it move by f v t / z pixels in a time
+t, and with its projector aboard takes the dots along.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sim import frames, render, sensors, stage
+from sim.scene import Ambient, Body, Material, Mesh, Motion, Scene
+from sim.scenes import builtin
+
+FOCAL_PX = 200.0
+DISTANCE_M = 1.5
+DARK, BRIGHT = 0.1, 0.9
+EXPOSURE_S = 20e-3
+
+
+def small(**changes):
+    base = dataclasses.replace(
+        sensors.load("d435"),
+        width=160,
+        height=120,
+        fx_px=FOCAL_PX,
+        fy_px=FOCAL_PX,
+        cx_px=79.5,
+        cy_px=59.5,
+    )
+    return dataclasses.replace(base, **changes)
+
+
+LEAN = 0.05  # Slope of edges to the pixels' columns: they are met at all fractions of a pixel.
+
+
+def edge(motion: Motion, *, at_m: float = 0.0, axis: int = 0, lean: float = LEAN) -> stage.Stage:
+    """A plane, dark up to `at_m` along x (axis 0) or y (axis 1) and bright beyond."""
+    texture = np.full((8, 8), DARK, np.float32)
+    texture[:, 4:] = BRIGHT
+    # Of eight texels the middle pair's blend is the edge: narrow them to a tenth of a millimetre.
+    span = np.array([-6.0, at_m - 5e-5, at_m + 5e-5, 6.0])
+    across = np.array([0.0, 3.5, 4.5, 8.0]) / 8
+    u, v = np.meshgrid(across, [0.0, 1.0])
+    along, other = np.meshgrid(span, [-6.0, 6.0])
+    along = along + lean * other
+    points = np.stack([along, other, np.full_like(along, DISTANCE_M)], axis=-1).reshape(-1, 3)
+    faces = [[i, i + 4, i + 1] for i in range(3)] + [[i + 1, i + 4, i + 5] for i in range(3)]
+    mesh = Mesh(
+        vertices=np.float32(points if axis == 0 else points[:, [1, 0, 2]]),
+        faces=np.array(faces, np.uint32),
+        uv=np.float32(np.stack([u, v], axis=-1).reshape(-1, 2)),
+    )
+    body = Body(name="edge", mesh=mesh, material=Material(name="grey"), texture=texture)
+    light = Ambient(gradient=0.0)
+    return stage.Stage(Scene(name="edge", bodies=(body,), ambient=light, motion=motion))
+
+
+def shares(image):
+    """How far from dark to bright each pixel is."""
+    return (image.astype(np.float64) * np.pi - DARK) / (BRIGHT - DARK)
+
+
+def smear_px(made: stage.Stage, sensor, axis: int = 0) -> float:
+    """Length by which motion smears the edge, by the slopes' variance in each row or column.
+
+    A box of width w has variance w^2 / 12; the pixel and the difference between two of them are
+    boxes of 1 px besides.
+    """
+    layers = render.layers(made, sensor, subpixels=4, exposure_s=EXPOSURE_S)
+    image = shares(layers.left.ambient)
+    slope = np.diff(image if axis == 0 else image.T, axis=1)
+    place = np.arange(slope.shape[1])
+    mean = (slope @ place) / slope.sum(axis=1)
+    variance = (slope * (place - mean[:, None]) ** 2).sum(axis=1) / slope.sum(axis=1)
+    return float(np.sqrt(12 * variance.mean() - 2))
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("speed_m_s", [0.75, 2.25, 7.5])
+def test_sideways_motion_smears_by_f_v_t_over_z(speed_m_s, axis):
+    """To 3 %, from 2 to 20 px. It does not prove what happens at edges of depth."""
+    velocity = (speed_m_s, 0.0, 0.0) if axis == 0 else (0.0, speed_m_s, 0.0)
+    made = edge(Motion(velocity_m_s=velocity), axis=axis)
+    expected = FOCAL_PX * speed_m_s * EXPOSURE_S / DISTANCE_M
+    assert smear_px(made, small(), axis) == pytest.approx(expected, rel=0.03)
+
+
+def test_a_long_smear_is_smooth():
+    """The ramp of 20 px is straight up to the step of one of its forty moments."""
+    made = edge(Motion(velocity_m_s=(7.5, 0.0, 0.0)), lean=0.0)
+    share = shares(render.layers(made, small(), exposure_s=EXPOSURE_S).left.ambient)[0]
+    inside = np.flatnonzero((share > 0.1) & (share < 0.9))
+    line = np.polyval(np.polyfit(inside, share[inside], 1), inside)
+    assert len(inside) == 16
+    assert np.abs(share[inside] - line).max() < 1 / 40
+
+
+@pytest.mark.parametrize("smear", [2, -3])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_forward_motion_smears_along_the_radius(smear, axis):
+    """By f X (1 / z_end - 1 / z_start) at X beside the axis, on both sides of it, to 3 %."""
+    speed = 6.0
+    way = speed * EXPOSURE_S / 2
+    at_m = smear / FOCAL_PX / (1 / (DISTANCE_M - way) - 1 / (DISTANCE_M + way))
+    made = edge(Motion(velocity_m_s=(0.0, 0.0, speed)), at_m=at_m, axis=axis)
+    assert smear_px(made, small(), axis) == pytest.approx(abs(smear), rel=0.03)
+
+
+def test_forward_motion_leaves_the_middle_sharp():
+    made = edge(Motion(velocity_m_s=(0.0, 0.0, 4.0)), lean=0.0)
+    share = shares(render.layers(made, small(), exposure_s=EXPOSURE_S).left.ambient)
+    assert set(np.round(share, 3).ravel()) == {0.0, 1.0}
+
+
+def test_a_turn_smears_by_f_w_t():
+    """About y, in the middle of the image, at any distance."""
+    rate = float(np.rad2deg(8 / FOCAL_PX / EXPOSURE_S))
+    made = edge(Motion(turn_deg_s=(0.0, rate, 0.0)))
+    assert smear_px(made, small()) == pytest.approx(8, rel=0.03)
+
+
+def test_dots_on_a_plane_move_with_the_sensor():
+    """Motion beside an even wall leaves the infrared dots as they are, in both imagers.
+
+    It does not prove that they stay on a surface with relief, where they wander.
+    """
+    wall = dataclasses.replace(
+        builtin.wall(DISTANCE_M), motion=Motion(velocity_m_s=(2.0, 1.0, 0.0))
+    )
+    moving = render.layers(stage.Stage(wall), small(), exposure_s=EXPOSURE_S)
+    still = render.layers(stage.Stage(builtin.wall(DISTANCE_M)), small())
+    for name in ("left", "right"):
+        a, b = (getattr(layers, name).projector_direct for layers in (moving, still))
+        assert np.abs(a - b).max() < 1e-3 * b.max()
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_rolling_shutter_leans_edges(side):
+    """By f v t / z over the image's height, t from the first row to the last, to 2 %."""
+    speed, readout = 3.0, 15e-3
+    made = edge(Motion(velocity_m_s=(speed, 0.0, 0.0)), lean=0.0)
+    sensor = small()
+    rolling = dataclasses.replace(
+        sensor,
+        left=dataclasses.replace(sensor.left, rolling_shutter_s=readout),
+        right=dataclasses.replace(sensor.right, rolling_shutter_s=readout),
+    )
+    image = getattr(render.layers(made, rolling), side).ambient
+    # How much of a row is bright says where its edge is.
+    edges = sensor.width - shares(image).sum(axis=1) - 0.5
+    rows = np.arange(sensor.height)
+    lean, middle = np.polyfit(rows - rows.mean(), edges, 1)
+    expected = -FOCAL_PX * speed * readout / DISTANCE_M  # The sensor moves right, the edge left.
+    assert lean * (sensor.height - 1) == pytest.approx(expected, rel=0.02)
+    offset = 0.0 if side == "left" else sensor.baseline_m
+    place = sensor.cx_px - FOCAL_PX * offset / DISTANCE_M
+    assert middle == pytest.approx(place, abs=0.05)  # The middle row is on time.
+
+
+def test_the_truth_is_of_the_middle_of_the_exposure():
+    made = edge(Motion(velocity_m_s=(1.0, 0.0, 3.0), turn_deg_s=(0.0, 30.0, 0.0)))
+    still = stage.Stage(dataclasses.replace(made.scene, motion=Motion()))
+    moving, resting = (render.layers(s, small(), exposure_s=EXPOSURE_S) for s in (made, still))
+    for name in ("depth_m", "normal", "right_sees", "lit"):
+        assert np.array_equal(getattr(moving.truth, name), getattr(resting.truth, name))
+    assert np.array_equal(moving.left.depth_m, resting.left.depth_m)
+
+
+def test_nothing_moves_nothing_changes():
+    """Without motion an exposure and a rolling shutter leave every bit."""
+    sensor = small()
+    rolling = dataclasses.replace(
+        sensor, left=dataclasses.replace(sensor.left, rolling_shutter_s=0.02)
+    )
+    made = stage.Stage(builtin.tabletop())
+    plain, other = render.layers(made, sensor), render.layers(made, rolling, exposure_s=0.03)
+    for side in ("left", "right"):
+        for name in ("projector_direct", "ambient", "other", "depth_m"):
+            pair = (getattr(getattr(layers, side), name) for layers in (plain, other))
+            assert np.array_equal(*pair, equal_nan=True)
+
+
+def test_a_moving_rig_sees_what_a_rig_there_sees():
+    """With a shutter so short that nothing smears, each row is that of a rig in its place."""
+    motion = Motion(velocity_m_s=(4.0, -2.0, 5.0), turn_deg_s=(60.0, -90.0, 200.0))
+    sensor, readout = small(), 20e-3
+    rolling = dataclasses.replace(
+        sensor,
+        left=dataclasses.replace(sensor.left, rolling_shutter_s=readout),
+        right=dataclasses.replace(sensor.right, rolling_shutter_s=readout),
+    )
+    scene = dataclasses.replace(
+        builtin.tabletop(), world_from_left=frames.pose((0.05, -0.1, 0.1), (5.0, 10.0, -8.0))
+    )
+    seen = render.layers(stage.Stage(dataclasses.replace(scene, motion=motion)), rolling)
+    for row in (0, 37, sensor.height - 1):
+        time = (row / (sensor.height - 1) - 0.5) * readout
+        position, turn = (
+            tuple(value * time for value in rate)
+            for rate in (motion.velocity_m_s, motion.turn_deg_s)
+        )
+        there = dataclasses.replace(
+            scene, world_from_left=scene.world_from_left @ frames.pose(position, turn)
+        )
+        resting = render.layers(stage.Stage(there), sensor)
+        for side in ("left", "right"):
+            for name in ("projector_direct", "ambient"):
+                a, b = (getattr(getattr(x, side), name)[row] for x in (seen, resting))
+                # Rounding moves a ray across an edge here and there.
+                assert np.quantile(np.abs(a - b), 0.97) < 1e-3 * b.max()

@@ -1,0 +1,201 @@
+"""The baseline's error and the model's: as if the rig, or the bodies, really stood otherwise.
+
+Rationale: no geometry is touched, so what is rendered is held against bodies that were really
+scaled, shifted and turned, and against f b / z.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sim import frames, indirect, placement, render, sensors, stage
+from sim.depth import depth_from_disparity
+from sim.scene import Ambient, Material, Mesh, ModelError, Motion, Scene, Sun
+from sim.scenes import builtin, solids
+from sim.sensor import Projector
+
+SCALE = 1.04
+SHIFT_M = (0.02, -0.03, 0.05)
+TURN_DEG = (2.0, -3.0, 1.0)
+LAYERS = ("projector_direct", "projector_indirect", "ambient", "other")
+
+
+def small(**changes):
+    base = dataclasses.replace(
+        sensors.load("d435"),
+        width=160,
+        height=120,
+        fx_px=100.0,
+        fy_px=100.0,
+        cx_px=70.3,
+        cy_px=50.8,
+    )
+    return dataclasses.replace(base, **changes)
+
+
+def tabletop() -> Scene:
+    """A table under the sun, with another device's projector beside it, seen from anywhere."""
+    return dataclasses.replace(
+        builtin.tabletop(),
+        world_from_left=frames.pose((0.05, -0.1, 0.1), (10.0, 4.0, -6.0)),
+        sun=Sun(irradiance_w_m2=0.4),
+        other_projector=Projector(power_w=0.2, position_m=(0.3, 0.1, 0.0)),
+    )
+
+
+def truly(scene: Scene, true_from_model: np.ndarray) -> Scene:
+    """The scene with its bodies transformed in the left imager's frame, light left alone."""
+    moved = scene.world_from_left @ true_from_model @ np.linalg.inv(scene.world_from_left)
+    bodies = []
+    for body in scene.bodies:
+        vertices = body.mesh.vertices @ moved[:3, :3].T + moved[:3, 3]
+        normals = body.mesh.normals
+        if normals is not None:
+            normals = normals @ moved[:3, :3].T
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        mesh = Mesh(
+            vertices=np.float32(vertices),
+            faces=body.mesh.faces,
+            normals=None if normals is None else np.float32(normals),
+            uv=body.mesh.uv,
+        )
+        bodies.append(dataclasses.replace(body, mesh=mesh))
+    return dataclasses.replace(scene, bodies=tuple(bodies))
+
+
+def agree(found, expected):
+    """Whether two renders are one, but for rays that rounding moves across an edge."""
+    for side in ("left", "right"):
+        for name in LAYERS:
+            a, b = (getattr(getattr(layers, side), name) for layers in (found, expected))
+            # Shadow edges and dots' flanks magnify the rounding of single precision.
+            assert np.quantile(np.abs(a - b), 0.98) <= 1e-4 * max(b.max(), 1e-12), name
+            assert a.mean() == pytest.approx(b.mean(), rel=1e-3)
+        a, b = (getattr(layers, side).depth_m for layers in (found, expected))
+        assert np.nanquantile(np.abs(a / b - 1), 0.99) < 1e-5
+    assert np.nanquantile(np.abs(found.truth.normal - expected.truth.normal), 0.99) < 1e-4
+    for name in ("right_sees", "lit"):
+        a, b = (getattr(layers.truth, name) for layers in (found, expected))
+        assert (a != b).mean() < 2e-3
+
+
+def test_a_scaled_model_is_a_scaled_scene():
+    """Truth, light of all kinds and disparity as of bodies scaled about the left imager.
+
+    It does not prove the effects that act after rendering, which see the true depths.
+    """
+    scene = tabletop()
+    wrong = dataclasses.replace(scene, model_error=ModelError(scale=SCALE))
+    found = render.layers(stage.Stage(wrong), small())
+    expected = render.layers(stage.Stage(truly(scene, np.diag([SCALE] * 3 + [1.0]))), small())
+    plain = render.layers(stage.Stage(scene), small())
+    agree(found, expected)
+    assert not np.allclose(found.left.projector_direct.mean(), plain.left.projector_direct.mean())
+    np.testing.assert_allclose(
+        found.truth.depth_m, plain.truth.depth_m * np.float32(SCALE), rtol=1e-4
+    )
+
+
+def test_a_shifted_and_turned_model_is_a_shifted_and_turned_scene():
+    """With ambient light from above left where it is: the sky turns with the world."""
+    scene = dataclasses.replace(tabletop(), ambient=Ambient(gradient=0.0), sun=Sun())
+    error = ModelError(shift_m=SHIFT_M, turn_deg=TURN_DEG)
+    found = render.layers(stage.Stage(dataclasses.replace(scene, model_error=error)), small())
+    moved = truly(scene, frames.pose(SHIFT_M, TURN_DEG))
+    agree(found, render.layers(stage.Stage(moved), small()))
+
+
+def test_scale_turn_and_shift_act_in_this_order():
+    """A model's point p stands at s R p + t; the same with interreflection."""
+    scene = dataclasses.replace(tabletop(), ambient=Ambient(gradient=0.0), sun=Sun())
+    error = ModelError(scale=SCALE, shift_m=SHIFT_M, turn_deg=TURN_DEG)
+    true_from_model = frames.pose(SHIFT_M, TURN_DEG) @ np.diag([SCALE] * 3 + [1.0])
+    made = stage.Stage(dataclasses.replace(scene, model_error=error))
+    moved = stage.Stage(truly(scene, true_from_model))
+    found, expected = (
+        indirect.add(render.layers(each, small()), each, small(), samples=4, seed=3)
+        for each in (made, moved)
+    )
+    for side in ("left", "right"):
+        a, b = (getattr(layers, side).projector_indirect for layers in (found, expected))
+        assert a.mean() == pytest.approx(b.mean(), rel=0.01)
+    plain = [
+        dataclasses.replace(
+            layers,
+            left=dataclasses.replace(layers.left, projector_indirect=np.zeros_like(a)),
+            right=dataclasses.replace(layers.right, projector_indirect=np.zeros_like(a)),
+        )
+        for layers in (found, expected)
+    ]
+    agree(*plain)
+
+
+def step(distance_m: float) -> stage.Stage:
+    """A bright sheet before a dark room, whose leaning edge stands before the left imager."""
+    sheet = solids.plane(40, 40)
+    sheet.apply_translation((20.0, 0.0, 0.0))
+    sheet.apply_transform(frames.pose((0.0, 0.0, distance_m), (0.0, 0.0, 8.0)))
+    body = solids.body("sheet", sheet, Material(name="white", reflectance=0.9))
+    return stage.Stage(Scene(name="step", bodies=(body,), ambient=Ambient(gradient=0.0)))
+
+
+def edge_px(image) -> float:
+    """Mean column of the sheet's edge: the bright share of the image says where it stands."""
+    return float(image.shape[1] * (1 - image.mean(dtype=np.float64) / image.max()) - 0.5)
+
+
+@pytest.mark.parametrize("error", [-0.02, 0.01])
+def test_baseline_error_scales_disparity_and_depth(error):
+    """Disparity f b (1 + e) / z to 0.01 px, so depth z / (1 + e): an error that grows with z.
+
+    It does not prove that matching finds this disparity.
+    """
+    sensor = small(baseline_error=error)
+    for distance in (0.6, 1.2, 2.4):
+        layers = render.layers(step(distance), sensor, subpixels=8)
+        disparity = edge_px(layers.left.ambient) - edge_px(layers.right.ambient)
+        expected = sensor.fx_px * sensor.baseline_m * (1 + error) / distance
+        assert disparity == pytest.approx(expected, abs=0.01)
+        np.testing.assert_allclose(np.nanmax(layers.truth.depth_m), distance, rtol=1e-5)
+        depth = depth_from_disparity(
+            np.array([disparity]), focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
+        )
+        assert depth[0] / distance == pytest.approx(1 / (1 + error), abs=0.01 / expected)
+
+
+def test_baseline_error_of_structured_light_moves_the_projector():
+    sensor = sensors.load("kinect-v1")
+    nominal = dataclasses.replace(sensor, baseline_error=0.015)
+    baseline = sensor.baseline_m * 1.015
+    part = dataclasses.replace(sensor.projector, position_m=(baseline, 0.0, 0.0))
+    true = dataclasses.replace(sensor, baseline_m=baseline, projector=part)
+    scene = stage.Stage(builtin.wall(1.0))
+    found, expected = (render.layers(scene, each, subpixels=1) for each in (nominal, true))
+    assert np.array_equal(found.left.projector_direct, expected.left.projector_direct)
+    assert not np.array_equal(
+        found.left.projector_direct,
+        render.layers(scene, sensor, subpixels=1).left.projector_direct,
+    )
+
+
+def test_what_stands_right_stays_untouched():
+    """Without errors stage, sensor and layers are the same objects."""
+    made, sensor = stage.Stage(builtin.wall(1.0)), small()
+    assert placement.in_model(made, sensor) == (made, sensor)
+    layers = render.layers(made, sensor)
+    assert placement.enlarged(layers, made.scene) is layers
+
+
+def test_motion_is_the_true_rigs():
+    """In a model too small by s the rig moves as much slower, and smears as in the true scene."""
+    motion = Motion(velocity_m_s=(2.0, 0.0, 0.0), turn_deg_s=(0.0, 20.0, 0.0))
+    scene = dataclasses.replace(tabletop(), motion=motion)
+    wrong = dataclasses.replace(scene, model_error=ModelError(scale=1.25))
+    right = truly(scene, np.diag([1.25] * 3 + [1.0]))
+    found, expected = (
+        render.layers(stage.Stage(each), small(), exposure_s=0.01) for each in (wrong, right)
+    )
+    agree(found, expected)

@@ -1,0 +1,97 @@
+"""The colour camera's picture: colours, place, exposure, and what it does not see."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from patterns import InputError
+from sim import colour, frames, materials, sensors
+from sim.parts.projector import Projector
+from sim.scene import Ambient, Material, ModelError, Scene
+from sim.scenes import solids
+from sim.sensor import Colour, Sensor
+
+RGB = (0.6, 0.3, 0.1)
+
+
+def _sensor(**changes) -> Sensor:
+    camera = Colour(width=96, height=64, fx_px=80.0, fy_px=80.0, cx_px=48.0, cy_px=32.0)
+    return dataclasses.replace(sensors.load("d435"), colour=dataclasses.replace(camera, **changes))
+
+
+def _wall(material: Material, *, texture: np.ndarray | None = None) -> Scene:
+    sheet = solids.body("wall", solids.plane(6, 6), material, frames.pose((0, 0, 1.0)))
+    return Scene(
+        name="wall",
+        bodies=(dataclasses.replace(sheet, texture=texture),),
+        ambient=Ambient(irradiance_w_m2=0.2, gradient=0.0),
+    )
+
+
+def _linear(picture: np.ndarray) -> np.ndarray:
+    value = picture / 255
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def test_a_wall_has_the_colour_of_its_material() -> None:
+    """Ratios of linear light are those of the reflectances, near infrared left out."""
+    paint = Material(name="paint", reflectance=0.9, rgb=RGB)
+    seen = _linear(colour.picture(_wall(paint), _sensor())[32, 48])
+    np.testing.assert_allclose(seen / seen[0], np.array(RGB) / RGB[0], rtol=0.02)
+
+
+def test_a_material_without_colour_is_grey() -> None:
+    seen = colour.picture(_wall(Material(name="plain")), _sensor())
+    assert (seen[..., 0] == seen[..., 1]).all() and (seen[..., 1] == seen[..., 2]).all()
+
+
+def test_exposure_meets_its_level() -> None:
+    for level in (0.3, 0.6):
+        seen = colour.picture(_wall(Material(name="plain")), _sensor(level=level))
+        assert seen.mean() / 255 == pytest.approx(level, abs=0.04)
+
+
+def test_projectors_do_not_light_it() -> None:
+    scene = _wall(Material(name="plain", rgb=RGB))
+    lit = dataclasses.replace(scene, other_projector=Projector(power_w=1.0))
+    strong = dataclasses.replace(
+        _sensor(), projector=dataclasses.replace(_sensor().projector, power_w=5.0)
+    )
+    plain = colour.picture(scene, _sensor())
+    assert np.array_equal(colour.picture(lit, _sensor()), plain)
+    assert np.array_equal(colour.picture(scene, strong), plain)
+
+
+def test_a_texture_is_tinted() -> None:
+    texture = np.full((32, 32), 0.25, np.float32)
+    paint = Material(name="paint", reflectance=0.5, rgb=RGB)
+    seen = _linear(colour.picture(_wall(paint, texture=texture), _sensor())[32, 48])
+    np.testing.assert_allclose(seen / seen[0], np.array(RGB) / RGB[0], rtol=0.02)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.2])
+def test_it_sees_from_its_own_place(scale: float) -> None:
+    """A patch straight ahead of the left imager lies f t / z beside the colour camera's centre."""
+    patch = solids.body(
+        "patch",
+        solids.plane(0.1, 0.1),
+        materials.named("paper"),
+        frames.pose((0, 0, 0.9)),
+    )
+    scene = _wall(Material(name="dark", reflectance=0.02))
+    scene = dataclasses.replace(
+        scene, bodies=(*scene.bodies, patch), model_error=ModelError(scale=scale)
+    )
+    seen = colour.picture(scene, _sensor(position_m=(-0.06, 0.0, 0.0)))[..., 1].astype(float)
+    rows, columns = np.nonzero(seen > 0.5 * seen.max())
+    assert columns.mean() == pytest.approx(48 + 80 * 0.06 / (0.9 * scale), abs=0.3)
+    assert rows.mean() == pytest.approx(32, abs=0.3)
+
+
+def test_a_sensor_without_colour_camera_is_refused() -> None:
+    blind = dataclasses.replace(_sensor(), colour=None)
+    with pytest.raises(InputError, match="colour must be given; got none in d435"):
+        colour.picture(_wall(Material(name="plain")), blind)
