@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import atlas_page, effects, metrics, panels, progress, record, scenes, sheet
-from sim.depth import disparity_from_depth
+from sim.depth import disparity_from_depth, from_code, to_code
 from sim.dots import dot_contrast
 from sim.effects import Effect, Stage, Value, setting
 from sim.imager import Infrared
@@ -108,11 +108,13 @@ def atlas(
 
 
 def _shown(row: Effect, sensor: Sensor, scene: Scene) -> Value:
-    """The value a row is drawn at: the far end of its range, or another choice than neutral."""
+    """The value a row is drawn at: the far end of its range, or the choice furthest off."""
     parameter = row.parameters[0]
     base = setting.neutral(parameter, sensor, scene)
     if parameter.choices:
-        return next(choice for choice in reversed(parameter.choices) if choice != base)
+        last = len(parameter.choices) - 1
+        here = parameter.choices.index(base) if base in parameter.choices else 0
+        return parameter.choices[last if last - here > here else 0]
     assert parameter.low is not None and parameter.high is not None  # A number has a range.
     return parameter.high if parameter.high != base else parameter.low
 
@@ -123,8 +125,12 @@ def _seen(sensor: Sensor, scene: Scene) -> _Seen:
     truth = disparity_from_depth(
         shot.layers.truth.depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
     )
+    # As it is written: in steps of the depth unit.
+    unit = sensor.post.depth_unit_m
     found = disparity_from_depth(
-        shot.depth.depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
+        from_code(to_code(shot.depth.depth_m, unit), unit),
+        focal_px=sensor.fx_px,
+        baseline_m=sensor.baseline_m,
     )
     scored = metrics.disparity_figures(found, truth, metrics.scored_pixels(truth))
     return _Seen(

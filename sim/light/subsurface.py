@@ -40,7 +40,7 @@ def spread(
     light transport, 2001, eq. 4), replaced by a Gaussian of the same second moment.
     """
     finish = scene.finish
-    if finish.subsurface_m == 0:
+    if finish.subsurface_m == 0 or not light.any():
         return light
     windows = find_objects(body.astype(np.int32), max_label=len(scene.bodies))
     out = light

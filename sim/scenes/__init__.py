@@ -32,7 +32,7 @@ def load(word: str, sensor: Sensor) -> Scene:
     if path.suffix.lower() == ".xml":
         return xml_file.load(path)
     if path.is_dir():
-        return captured.load(path)
+        return captured.load(path, sensor)
     known = f"Builtin: {', '.join(builtin.BUILTIN)}; meshes: {', '.join(mesh_file.SUFFIXES)}."
     if not path.exists() and "/" not in word:
         errors.one_of("scene", name, builtin.BUILTIN)

@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 
 from patterns import errors
 from sim.capture import open_set
+from sim.capture_info import CaptureInfo
 from sim.depth import disparity_from_depth
+from sim.optics import shading
+from sim.optics.pinhole import Pinhole
 from sim.scene import Ambient, Body, Material, Scene
 from sim.scenes import depth_mesh, dots_off
+from sim.sensor import Sensor
 
 Array = NDArray[np.float32]
 
@@ -23,11 +27,16 @@ _PATCHED_PX = 8.0  # What continues from different places is joined up to this s
 _MARGIN_PX = 128  # Beyond the image, for what only the right imager sees.
 
 
-def load(path: Path) -> Scene:
+def load(path: Path, sensor: Sensor) -> Scene:
     """Turn one scene of a capture set into a scene to simulate.
 
     The infrared image is the reflectance estimate: projector off where that was captured, else
-    the image with its dots subtracted (`sim.scenes.dots_off`).
+    the image with its dots subtracted (`sim.scenes.dots_off`). What the sensor's own lens darkens
+    off the axis is taken out: it comes again when the scene is simulated.
+
+    Args:
+        path: the scene's folder.
+        sensor: that the captures are of, as far as its left lens's vignetting goes.
 
     Raises:
         InputError: if the folder is no scene of a capture set, or has no reference depth or no
@@ -48,8 +57,9 @@ def load(path: Path) -> Scene:
         )
     disparity = disparity_from_depth(truth, focal_px=info.fx_px, baseline_m=info.baseline_m)
     surface = _widened(depth_mesh.smoothed(depth_mesh.closed(disparity)))
+    level = _without_dots(lit, info.black_level_dn or 0.0, dots=frame.ir_left_off is None)
     albedo = np.pad(
-        _reflectance(lit, info.black_level_dn or 0.0, dots=frame.ir_left_off is None),
+        _reflectance(level / _seen_share(info, sensor)),
         ((0, 0), (_MARGIN_PX, _MARGIN_PX)),
         mode="reflect",
     )
@@ -90,10 +100,26 @@ def _widened(disparity: Array) -> Array:
     return np.pad(disparity, ((0, 0), (_MARGIN_PX, _MARGIN_PX)), mode="edge")
 
 
-def _reflectance(infrared: NDArray, black_level_dn: float, *, dots: bool) -> Array:
-    """Estimate reflectance (h, w) from an infrared image, up to an assumed mean."""
+def _without_dots(infrared: NDArray, black_level_dn: float, *, dots: bool) -> Array:
+    """Level above black [DN] (h, w), less the projector's dots."""
     level = np.maximum(infrared.astype(np.float32) - np.float32(black_level_dn), 0)
-    if dots:
-        level = np.maximum(dots_off.removed(level), 0)
+    return np.maximum(dots_off.removed(level), 0) if dots else level
+
+
+def _seen_share(info: CaptureInfo, sensor: Sensor) -> Array:
+    """Share of the light that the lens lets through off the axis, (h, w)."""
+    pinhole = Pinhole(
+        width=info.width,
+        height=info.height,
+        fx_px=info.fx_px,
+        fy_px=info.fy_px,
+        cx_px=info.cx_px,
+        cy_px=info.cy_px,
+    )
+    return shading.vignetting(sensor.left.lens.vignetting, pinhole)
+
+
+def _reflectance(level: Array) -> Array:
+    """Estimate reflectance (h, w) from the level of infrared, up to an assumed mean."""
     scale = _MEAN_REFLECTANCE / max(float(level.mean()), 1e-6)
     return np.clip(level * np.float32(scale), 0.01, 0.95).astype(np.float32)

@@ -53,6 +53,6 @@ def test_refusals(captures):
     from patterns import InputError
 
     with pytest.raises(InputError, match=r"scene must have truth.png and ir_left.png"):
-        captured.load(captures / "kinect-v1-tables" / "learn0")
+        captured.load(captures / "kinect-v1-tables" / "learn0", sensor)
     with pytest.raises(InputError, match="scene must be one scene of a capture set"):
-        captured.load(captures / "d415-faro")
+        captured.load(captures / "d415-faro", sensor)

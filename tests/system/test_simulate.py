@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from patterns import InputError
-from sim import backend, plugin_scene, projector, reference, render, sensors, simulate, stage
+from sim import backend, plugin_scene, projector, render, sensors, simulate, stage
 from sim.reason import Reason
 from sim.scene import Ambient
 from sim.scenes import builtin
@@ -127,18 +127,9 @@ def test_structured_light_has_one_baseline():
         dataclasses.replace(sensor, baseline_m=0.1)
 
 
-def test_indirect_light_wants_square_pixels():
-    sensor = dataclasses.replace(sensors.load("d435"), fy_px=500.0)
-    with pytest.raises(InputError, match="fy_px / fx_px must be in"):
-        simulate.simulate(bounced(builtin.wall(1.0)), sensor, samples=1)
-    assert simulate.simulate(builtin.wall(1.0), sensor).depth.valid.any()
-
-
-def test_the_reference_does_not_know_the_scene():
-    sensor = sensors.load("kinect-v1")
-    shots = [simulate.simulate(builtin.wall(z), sensor) for z in (0.8, 2.0)]
-    assert np.array_equal(shots[0].ir_right, shots[1].ir_right)
-    assert np.array_equal(shots[0].ir_right, reference.image(sensor))
+def test_structured_light_has_no_right_image():
+    shot = simulate.simulate(builtin.wall(1.0), sensors.load("kinect-v1"))
+    assert shot.ir_right is None and shot.layers.right is None
 
 
 def test_holes_do_not_move_with_samples(clutter):

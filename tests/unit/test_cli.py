@@ -60,6 +60,7 @@ def _shot(shape: tuple[int, int]) -> Any:
         ir_left=image,
         ir_right=image,
         depth=DepthMap(disparity_px=zeros + 45, depth_m=zeros + 1, valid=ones, reason=codes),
+        registered_m=None,
         exposure_s=8e-3,
         gain=1.0,
     )
@@ -68,7 +69,7 @@ def _shot(shape: tuple[int, int]) -> Any:
 @pytest.fixture
 def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Put simple stand-ins where rendering and matching would take seconds."""
-    from sim import randomness, scenes, simulate
+    from sim import colour, randomness, scenes, simulate
 
     def simulated(scene: Any, sensor: Any, *, seed: int, frame: int = 0, **_: Any) -> Any:
         shot = _shot((sensor.height, sensor.width))
@@ -80,6 +81,7 @@ def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
         return _shot(left.shape).depth
 
     monkeypatch.setattr(scenes, "load", lambda text, sensor: text)
+    monkeypatch.setattr(colour, "picture", lambda *_: np.zeros((2, 3, 3), np.uint8))
     monkeypatch.setattr(simulate, "simulate", simulated)
     monkeypatch.setattr(
         simulate,
@@ -155,7 +157,7 @@ def test_simulate_writes_a_whole_set(capsys: Capsys, tmp_path: Path, small_set: 
     assert (code, err) == (0, "")
     result = json.loads(said)
     assert set(result) == {"out", "files", "seconds", "scenes"}
-    assert result["files"] == 3 + 2 * (2 + 2 * 5)
+    assert result["files"] == 3 + 2 * (2 + 2 * 6)
     record = json.loads((out / "starling.json").read_text())
     assert record["verb"] == "simulate" and record["arguments"]["seed"] == 7
     assert record["arguments"]["sensor"] == "d435"

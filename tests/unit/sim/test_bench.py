@@ -12,12 +12,14 @@ from sim import bench
 
 
 def test_every_round_is_told_and_the_first_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = iter([0.0, 100.0] * 8 + [0.0, 1.0] * 16)  # 100 s to compile, then 1 s each.
+    clock = iter([0.0, 100.0] * 10 + [0.0, 1.0] * 20)  # 100 s to compile, then 1 s each.
     shot = SimpleNamespace(layers=None, ir_left=None, ir_right=None)
     monkeypatch.setattr(bench, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
     for name in ("backend", "render", "simulate", "Stage", "builtin", "_with_interreflection"):
         monkeypatch.setattr(bench, name, _Anything(shot))
     monkeypatch.setattr(bench, "_floor", lambda *_: lambda *_: None)
+    monkeypatch.setattr(bench, "_all_on", lambda scene, sensor: (scene, sensor))
+    monkeypatch.setattr(bench, "_effects", lambda *_: lambda: None)
     monkeypatch.setattr(bench, "_moving", lambda *_: lambda: None)
     rounds = []
 
