@@ -52,6 +52,7 @@ def test_holes_are_where_the_device_has_them(reading):
 def test_refusals(captures):
     from patterns import InputError
 
+    sensor = asked_sensor.load("d415")
     with pytest.raises(InputError, match=r"scene must have truth.png and ir_left.png"):
         captured.load(captures / "kinect-v1-tables" / "learn0", sensor)
     with pytest.raises(InputError, match="scene must be one scene of a capture set"):
