@@ -4,8 +4,8 @@
 
 Captures: $STARLING_CAPTURES, else ../shared/captures from the repository's root. Each real table is
 a plane; the same plane is simulated and measured with the same function on the same part of the
-image. Whatever was chosen by looking at real frames was chosen on `learn*`; `test*` and `capture*`
-are held out.
+image. Whatever was chosen by looking at real frames was chosen on `learn*`; all had been looked at
+before.
 """
 
 from __future__ import annotations
