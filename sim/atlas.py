@@ -84,8 +84,11 @@ def atlas(
             if row.name in SHOWN_WITH:
                 base = setting.apply(*base, SHOWN_WITH[row.name])
                 without = _seen(*base)
-            value = _shown(row, *base)
-            affected = _seen(*setting.apply(*base, {row.name: value}))
+            seen = {
+                value: _seen(*setting.apply(*base, {row.name: value}))
+                for value in far_ends(row, *base)
+            }
+            value, affected = max(seen.items(), key=lambda item: _changed(without, item[1]))
             folder.write(f"{row.name}.jpg", _picture(row, value, without, affected))
             measured = {"without": without.figures, "with": affected.figures}
             folder.write(f"{row.name}.md", atlas_page.page(row, value, measured))
@@ -107,16 +110,26 @@ def atlas(
     return {"out": str(folder.path), "files": 2 * len(rows) + 2, "effects": figures}
 
 
-def _shown(row: Effect, sensor: Sensor, scene: Scene) -> Value:
-    """The value a row is drawn at: the far end of its range, or the choice furthest off."""
+def far_ends(row: Effect, sensor: Sensor, scene: Scene) -> list[Value]:
+    """Values of a row's first parameter that are far from where it stands.
+
+    Both ends of its range where it stands between them; of choices the first and the last.
+    """
     parameter = row.parameters[0]
     base = setting.neutral(parameter, sensor, scene)
     if parameter.choices:
-        last = len(parameter.choices) - 1
-        here = parameter.choices.index(base) if base in parameter.choices else 0
-        return parameter.choices[last if last - here > here else 0]
-    assert parameter.low is not None and parameter.high is not None  # A number has a range.
-    return parameter.high if parameter.high != base else parameter.low
+        return [end for end in (parameter.choices[0], parameter.choices[-1]) if end != base]
+    low, high = parameter.low, parameter.high
+    assert low is not None and high is not None and isinstance(base, float | int)
+    if low < base < high:
+        return [low, high]
+    return [low if base >= high else high]
+
+
+def _changed(without: _Seen, affected: _Seen) -> float:
+    """Share of pixels whose disparity error is another, or there in one alone."""
+    same = np.isclose(without.error_px, affected.error_px, rtol=0, atol=0.01, equal_nan=True)
+    return float(1 - same.mean())
 
 
 def _seen(sensor: Sensor, scene: Scene) -> _Seen:

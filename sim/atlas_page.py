@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 
-from sim.effects import Effect, Parameter, Stage, Value
+from sim.effects import Effect, Parameter, Stage, Value, written
 
 _STAGES = {
     Stage.SCENE: "Scene",
@@ -16,7 +16,7 @@ _STAGES = {
 }
 
 
-def index(rows: Iterable[Effect]) -> str:
+def index(rows: Sequence[Effect]) -> str:
     """Write the page that lists all others, by stage."""
     lines = [
         "# Effect atlas",
@@ -75,7 +75,7 @@ def page(row: Effect, value: Value, figures: Mapping[str, Mapping[str, float]]) 
         figures: `{"without": {NAME: number}, "with": {NAME: number}}`.
     """
     lines = [
-        f"Measured on the picture, {row.parameters[0].name} = {_number(value)}:",
+        f"Measured on the picture, {row.parameters[0].name} = {written(value)}:",
         "",
         "| figure | without | with |",
         "| --- | --- | --- |",
@@ -89,16 +89,12 @@ def page(row: Effect, value: Value, figures: Mapping[str, Mapping[str, float]]) 
 
 def _parameter(parameter: Parameter) -> str:
     moves = ", ".join(f"`{path}`" for path in parameter.paths)
-    neutral = "as the sensor" if parameter.neutral is None else _number(parameter.neutral)
+    neutral = "as the sensor" if parameter.neutral is None else written(parameter.neutral)
     if parameter.choices:
-        span = ", ".join(map(_number, parameter.choices))
+        span = ", ".join(map(written, parameter.choices))
     else:
         span = f"{parameter.low:g} to {parameter.high:g}"
     return f"| {parameter.name} | {moves} | {neutral} | {span} | {parameter.unit} |"
-
-
-def _number(value: Value) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
 
 
 def _words(name: str) -> str:

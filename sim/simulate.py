@@ -20,7 +20,7 @@ from sim.optics import image as optics
 from sim.parts.post import refuse_single_frame
 from sim.post.temporal import History
 from sim.reason import Reason
-from sim.registration import register
+from sim.registration import refuse_without, register
 from sim.scene import Scene
 from sim.sensor import Imager, Sensor
 from sim.stage import Stage
@@ -68,10 +68,10 @@ def simulate(
         samples: paths a coarse pixel of indirect light, where the scene has interreflection.
 
     Raises:
-        InputError: if `samples` is not at least 1, the scene cannot be loaded, or the sensor
-            filters over time (see `sequence`).
+        InputError: if `samples` is not at least 1, the scene cannot be loaded, the sensor
+            filters over time (see `sequence`), or it registers depth to no colour camera.
     """
-    refuse_single_frame(sensor.post, 1)
+    refuse_impossible(sensor, 1)
     stage = scene if isinstance(scene, Stage) else Stage(scene)
     layers = _layers(stage, sensor, samples, seed)
     return expose(layers, stage.scene, sensor, seed=seed, frame=frame)
@@ -87,9 +87,31 @@ def sequence(
         frames: how many readings.
 
     Raises:
-        InputError: as `simulate`, or a filter over time where there is one frame alone.
+        InputError: as `simulate`, or a filter over time where there is one frame alone; nothing
+            is rendered before.
+    """
+    refuse_impossible(sensor, frames)
+    return _readings(scene, sensor, frames=frames, seed=seed, samples=samples)
+
+
+def refuse_impossible(sensor: Sensor, frames: int) -> None:
+    """Refuse post-processing that has nothing to work on, which needs no rendering to be known.
+
+    Args:
+        sensor: whose post-processing will act.
+        frames: how many frames of one scene follow each other.
+
+    Raises:
+        InputError: a filter over time on one frame, or registration without a colour camera.
     """
     refuse_single_frame(sensor.post, frames)
+    if sensor.post.registered:
+        refuse_without(sensor)
+
+
+def _readings(
+    scene: Scene | Stage, sensor: Sensor, *, frames: int, seed: int, samples: int
+) -> Iterator[Shot]:
     stage = scene if isinstance(scene, Stage) else Stage(scene)
     layers = _layers(stage, sensor, samples, seed)
     past = None

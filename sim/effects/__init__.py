@@ -13,6 +13,7 @@ from sim.effects.effect import Effect as Effect
 from sim.effects.effect import Parameter as Parameter
 from sim.effects.effect import Stage as Stage
 from sim.effects.effect import Value as Value
+from sim.effects.effect import written as written
 
 
 @cache

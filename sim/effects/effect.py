@@ -8,6 +8,11 @@ from enum import Enum
 Value = float | str  # Of a parameter: a number, or one of its words.
 
 
+def written(value: Value) -> str:
+    """Write a value without digits that say nothing: `8`, `0.25`, `left`."""
+    return value if isinstance(value, str) else f"{value:g}"
+
+
 class Stage(Enum):
     """Where an effect acts, in the order of the chain."""
 

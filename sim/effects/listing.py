@@ -8,7 +8,7 @@ from typing import Any
 
 from sim import effects
 from sim import text as texts
-from sim.effects import Effect, Parameter, setting
+from sim.effects import Effect, Parameter, setting, written
 from sim.sensor import Sensor
 
 _PROSE = ("imitates", "law", "shows", "confused_with", "source", "rerender")
@@ -81,10 +81,7 @@ def _parameter(parameter: Parameter, sensor: Sensor) -> dict[str, Any]:
 
 def _range(parameter: Mapping[str, Any]) -> str:
     if parameter["choices"]:
-        return ", ".join(
-            f"{choice:g}" if isinstance(choice, float) else str(choice)
-            for choice in parameter["choices"]
-        )
+        return ", ".join(map(written, parameter["choices"]))
     return f"{parameter['low']:g} to {parameter['high']:g}"
 
 
@@ -94,7 +91,7 @@ def _page(row: Mapping[str, Any]) -> str:
         base = parameter["neutral"]
         lines.append(
             f"  {parameter['name']}: {_range(parameter)} {parameter['unit']}, "
-            f"neutral {base if isinstance(base, str) or base is None else format(base, 'g')}, "
+            f"neutral {'-' if base is None else written(base)}, "
             f"sets {', '.join(parameter['paths'])}"
         )
     for name in _PROSE:

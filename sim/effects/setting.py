@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 from patterns import errors
 from sim import effects, sensor_edits, structure
-from sim.effects.effect import Effect, Parameter, Value
+from sim.effects.effect import Effect, Parameter, Value, written
 from sim.scene import Scene
 from sim.sensor import Sensor
 
@@ -39,7 +41,9 @@ def apply(sensor: Sensor, scene: Scene, settings: Mapping[str, Value]) -> tuple[
 def on_sensor(sensor: Sensor, settings: Mapping[str, Value]) -> Sensor:
     """Set those effects that move a sensor (see `apply`)."""
     moved = {path: by for path, by in _moved(settings).items() if not path.startswith(_SCENE)}
-    with _naming(", ".join(dict.fromkeys(asked for asked, _ in moved.values()))):
+    for path, (asked, _) in moved.items():
+        _refuse_missing(sensor, path, asked)
+    with _naming({path: asked for path, (asked, _) in moved.items()}):
         values = [(path, _typed(_field(sensor, path), to, path)) for path, (_, to) in moved.items()]
         return sensor_edits.with_values(sensor, values)
 
@@ -48,7 +52,7 @@ def on_scene(scene: Scene, settings: Mapping[str, Value]) -> Scene:
     """Set those effects that move a scene (see `apply`)."""
     for path, (asked, to) in _moved(settings).items():
         if path.startswith(_SCENE):
-            with _naming(asked):
+            with _naming({path: asked}):
                 scene = _in_scene(scene, path.removeprefix(_SCENE), to)
     return scene
 
@@ -133,9 +137,9 @@ def parameter_of(asked: str) -> tuple[Effect, Parameter]:
     Raises:
         InputError: unknown ones, nearest name first.
     """
-    name, _, part = asked.partition(".")
+    name, dot, part = asked.partition(".")
     effect = effects.named(name)
-    if not part:
+    if not dot:
         return effect, effect.parameters[0]
     known = {parameter.name: parameter for parameter in effect.parameters}
     errors.one_of(f"parameter of {name}", part, known)
@@ -143,13 +147,13 @@ def parameter_of(asked: str) -> tuple[Effect, Parameter]:
 
 
 def _admitted(effect: Effect, parameter: Parameter, given: Value) -> Value:
-    """Refuse words for numbers and what is none of the choices."""
+    """Refuse words for numbers, what is not finite and what is none of the choices."""
     name = f"{effect.name}.{parameter.name}"
     if parameter.choices:
         if given not in parameter.choices:
-            known = ", ".join(str(choice) for choice in parameter.choices)
+            known = ", ".join(map(written, parameter.choices))
             raise errors.refuse(name, f"must be one of {known}", given, "Choose one of them.")
-    elif isinstance(given, str):
+    elif isinstance(given, str) or not math.isfinite(given):
         raise errors.refuse(name, "must be a number", repr(given), f"Its unit is {parameter.unit}.")
     return given
 
@@ -184,6 +188,19 @@ def _field(tree: Any, path: str) -> Any:
     return tree
 
 
+def _refuse_missing(sensor: Sensor, path: str, asked: str) -> None:
+    """Refuse an effect on a field that the sensor lacks: other matchers have other fields."""
+    try:
+        _field(sensor, path)
+    except errors.InputError as error:
+        raise errors.refuse(
+            f"effect {asked}",
+            f"needs a sensor with {path}",
+            f"{sensor.name} with {type(sensor.matcher.engine).__name__}",
+            "Set matcher.setting to d4xx, which has it.",
+        ) from error
+
+
 def _typed(old: Any, given: Value, path: str) -> Any:
     """Turn a number into the field's own type."""
     if isinstance(old, bool):
@@ -196,9 +213,17 @@ def _typed(old: Any, given: Value, path: str) -> Any:
 
 
 @contextmanager
-def _naming(asked: str) -> Iterator[None]:
-    """Put the effects' names before what their fields refuse."""
+def _naming(asked: Mapping[str, str]) -> Iterator[None]:
+    """Put the effects' names before what their fields refuse; `asked` has an effect by path."""
     try:
         yield
     except errors.InputError as error:
-        raise errors.InputError(f"effect {asked}: {error}") from error
+        blamed = [name for path, name in asked.items() if _speaks_of(path, str(error))]
+        names = ", ".join(dict.fromkeys(blamed or asked.values()))
+        raise errors.InputError(f"effect {names}: {error}") from error
+
+
+def _speaks_of(path: str, message: str) -> bool:
+    """Whether a refusal names the field that a path ends at."""
+    *_, field = (part for part in path.split(".") if part not in _AXES)
+    return re.search(rf"\b{field}\b", message) is not None

@@ -1,0 +1,303 @@
+"""Laws of rows of the effect table that no other file holds: light, codes, search, checks.
+
+Rationale: each row says what it does in a formula; here every one is measured on the stage that
+acts, without noise, so that tolerances are those of single precision or of a pixel.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import ndimage
+
+from patterns import Pattern, faults
+from patterns.dots import SIGMA_PER_FWHM
+from patterns.field import Field
+from sim import frames, imager, metrics, projector, render, sensors, stage
+from sim.layers import Layers, View
+from sim.light.received import received
+from sim.matcher import D4XX, Checks, Refinement
+from sim.matching import census, checks, match
+from sim.scene import Ambient, Material, Scene
+from sim.scenes import builtin, solids
+from sim.sensor import Imager, Projector, Sensor
+
+D435 = sensors.load("d435")
+
+
+def with_light(**changes) -> Sensor:
+    return dataclasses.replace(D435, projector=dataclasses.replace(D435.projector, **changes))
+
+
+def dots_on_a_wall(sensor: Sensor, distance_m: float) -> Layers:
+    return render.layers(stage.Stage(builtin.wall(distance_m)), sensor)
+
+
+# Codes and electrons.
+
+
+@given(level=st.integers(0, 64), bit_depth=st.sampled_from([8, 10, 12, 16]))
+def test_a_black_level_adds_exactly(level, bit_depth):
+    """Codes are those without it plus the level, up to the ceiling, to the code.
+
+    A whole level and signals a quarter above a code: rounding hides a fraction. Does not prove
+    that a device keeps its level over time, nor the cut of dark noise at 0.
+    """
+    part = Imager(full_well_e=9000.0, bit_depth=bit_depth)
+    wanted = np.random.default_rng(level).integers(0, part.ceiling_dn + 1, (40, 50))
+    light = ((wanted + 0.25) / part.dn_per_electron).astype(np.float32)
+    raised = imager.read_out(
+        dataclasses.replace(part, black_level_dn=float(level)),
+        light,
+        exposure_s=0.01,
+        unit=0,
+        side="left",
+        seed=0,
+        frame=0,
+    )
+    assert np.array_equal(raised, np.minimum(wanted + level, part.ceiling_dn))
+
+
+@given(
+    exposure_s=st.floats(1e-4, 0.05),
+    efficiency=st.floats(0.01, 1.0),
+    wavelength_nm=st.floats(780, 1000),
+    f_number=st.floats(1.2, 8.0),
+    pitch_um=st.floats(1.0, 10.0),
+)
+def test_electrons_are_in_proportion(exposure_s, efficiency, wavelength_nm, f_number, pitch_um):
+    """Electrons go as time, quantum efficiency, wavelength, pixel area and 1 / N^2.
+
+    Does not prove the wavelength's whole work: the efficiency is that of the laser's line and has
+    to be given with it; silicon's own slope is in `sim.spectra.silicon`.
+    """
+    base = Imager(quantum_efficiency=0.5, pixel_pitch_m=3e-6)
+    lens = dataclasses.replace(base.lens, f_number=f_number)
+    part = dataclasses.replace(
+        base, quantum_efficiency=efficiency, pixel_pitch_m=pitch_um * 1e-6, lens=lens
+    )
+    ratio = imager.electrons_per_radiance(part, wavelength_nm, exposure_s)
+    ratio /= imager.electrons_per_radiance(base, 850.0, 0.01)
+    light = (base.lens.f_number / f_number) ** 2 * (pitch_um / 3) ** 2 * (exposure_s / 0.01)
+    assert ratio == pytest.approx(light * efficiency / 0.5 * wavelength_nm / 850, rel=1e-9)
+
+
+# Light.
+
+
+@given(power_w=st.floats(0, 3))
+def test_power_scales_laser_light_alone(power_w):
+    """Laser light = power times the layer of 1 W; ambient light keeps its bits.
+
+    Does not prove that a laser's own power is linear in the control.
+    """
+    rng = np.random.default_rng(0)
+    shape = (4, 6)
+    ones = np.ones(shape, np.float32)
+    view = View(
+        projector_direct=rng.random(shape, np.float32),
+        projector_indirect=0 * ones,
+        ambient=ones,
+        other=0 * ones,
+        depth_m=ones,
+        body=ones.astype(np.uint32),
+    )
+    scene = dataclasses.replace(builtin.wall(), ambient=Ambient(irradiance_w_m2=0.3))
+    light = received(view, scene, with_light(power_w=power_w), seed=0, frame=0)
+    np.testing.assert_allclose(light.laser, view.projector_direct * power_w, rtol=1e-6)
+    assert np.array_equal(light.rest, np.float32(0.3) * ones)
+
+
+@pytest.mark.parametrize("gradient", [0.3, 1.0])
+@pytest.mark.parametrize(("tilt_deg", "upwards"), [(0, 0.0), (45, -(0.5**0.5)), (-45, 0.5**0.5)])
+def test_a_tilted_sky_lights_by_the_normal(gradient, tilt_deg, upwards):
+    """L = rho / pi (1 + 2/3 g n . up) on a wall that leans, to 0.1 %.
+
+    Does not prove shadows: this sky is seen in whole by every surface.
+    """
+    sheet = solids.body(
+        "wall",
+        solids.plane(9, 9),
+        Material(name="grey", reflectance=0.5),
+        frames.pose((0, 0, 1.5), (tilt_deg, 0, 0)),
+    )
+    scene = Scene(name="wall", bodies=(sheet,), ambient=Ambient(gradient=gradient))
+    view = render.layers(stage.Stage(scene), D435, subpixels=1)
+    middle = (slice(220, 250), slice(410, 440))
+    assert view.truth.normal[middle][..., 1].mean() == pytest.approx(-upwards, abs=1e-3)
+    expected = 0.5 / np.pi * (1 + 2 / 3 * gradient * upwards)
+    assert view.left.ambient[middle].mean() == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("distance_m", [0.6, 2.0])
+def test_a_moved_projector_moves_the_pattern_by_its_parallax(distance_m):
+    """The left image's dots move by f t / z: here 4 mm to the right, to 0.02 px.
+
+    Does not prove what the move does to shadows.
+    """
+    x, y, z = D435.projector.position_m
+    before, after = (
+        dots_on_a_wall(with_light(position_m=(place, y, z)), distance_m).left.projector_direct
+        for place in (x, x + 0.004)
+    )
+    expected = D435.fx_px * 0.004 / distance_m
+    # The shift of what is right of its place: the later image is the left one of a pair.
+    found = metrics.shift_px(after, before, near_px=expected, margin_px=30)
+    assert found == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.parametrize("distance_m", [0.6, 2.0])
+def test_a_turned_projector_moves_the_pattern_alike_at_every_distance(distance_m):
+    """By f phi (1 + x^2 / f^2) in the middle of the image, 0.3 deg to the right, to 2 %.
+
+    Does not prove the growth off the axis.
+    """
+    before, after = (
+        dots_on_a_wall(with_light(rotation_deg=(0.0, turn, 0.0)), distance_m)
+        .left.projector_direct[175:295, 345:505]
+        .copy()
+        for turn in (0.0, 0.3)
+    )
+    expected = D435.fx_px * np.deg2rad(0.3)
+    found = metrics.shift_px(after, before, near_px=expected, margin_px=20)
+    assert found == pytest.approx(expected, rel=0.02)
+
+
+def test_a_wrong_pattern_is_wrong_in_both_imagers_alike():
+    """Dots of another seed do not correlate with the first ones'; left and right still do.
+
+    Does not prove that two devices' patterns differ so much.
+    """
+    disparity = round(D435.focal_baseline_px_m / 1.0)
+    distance_m = D435.focal_baseline_px_m / disparity
+    first, other = (dots_on_a_wall(with_light(pattern_seed=seed), distance_m) for seed in (0, 1))
+    assert other.right is not None
+
+    def alike(one, another):
+        return np.corrcoef(one.ravel(), another.ravel())[0, 1]
+
+    left, right = other.left.projector_direct, other.right.projector_direct
+    assert abs(alike(first.left.projector_direct, left)) < 0.05
+    assert alike(left[:, disparity:], right[:, :-disparity]) > 0.98
+
+
+@given(x_deg=st.sampled_from([60.0, 80.0, 100.0]), y_deg=st.sampled_from([40.0, 63.0]))
+def test_a_wider_field_spreads_the_same_power(x_deg, y_deg):
+    """Mean irradiance at unit distance is 1 W over 4 tan(x/2) tan(y/2), to 0.1 %.
+
+    Does not prove that a real lens keeps its dots equally bright over the field.
+    """
+    part = Projector(fov_x_deg=x_deg, fov_y_deg=y_deg)
+    area = 4 * np.tan(np.deg2rad(x_deg / 2)) * np.tan(np.deg2rad(y_deg / 2))
+    mean = projector.irradiance_at_unit_distance(part).mean(dtype=np.float64)
+    assert mean == pytest.approx(1 / area, rel=1e-3)
+
+
+# Matcher.
+
+
+def texture(shape: tuple[int, int]) -> np.ndarray:
+    noise = ndimage.gaussian_filter(np.random.default_rng(4).normal(size=shape), 1.0)
+    return np.clip(110 + 150 * noise, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(("least", "count"), [(0, 32), (24, 32), (16, 64)])
+def test_search_ends_are_depths(least, count):
+    """A wall has depth where least < d < least + count - 1: from f b / (least + count - 1) on.
+
+    Does not prove what is found beyond the ends, where false matches stand too.
+    """
+    checked = dataclasses.replace(D4XX.checks, uniqueness=20.0)
+    setting = dataclasses.replace(
+        D4XX, min_disparity_px=least, search_px=count, checks=checked, refinement=Refinement()
+    )
+    wide = texture((60, 420))
+    right_part = np.s_[10:-10, 130:-20]
+    for disparity in (least + 1, least + 2, least + count - 3, least + count - 2):
+        found = match(wide[:, :300], wide[:, disparity : disparity + 300], setting)
+        assert np.isfinite(found.disparity_px[right_part]).mean() > 0.95
+        assert np.nanmedian(found.disparity_px[right_part]) == pytest.approx(disparity, abs=0.05)
+    for disparity in (least - 4, least + count + 3):
+        if disparity < 0:
+            continue
+        found = match(wide[:, :300], wide[:, disparity : disparity + 300], setting)
+        right = np.abs(found.disparity_px[right_part] - disparity) < 1
+        assert not right.any()
+
+
+@given(deviation=st.floats(0.5, 8.0), least=st.floats(0.5, 8.0))
+def test_texture_counts_by_its_deviation(deviation, least):
+    """On a chequerboard of that deviation all pixels go, or none, as it is below least or not.
+
+    Does not prove a device's own measure, which counts steps between neighbours.
+    """
+    board = np.indices((40, 40)).sum(0) % 2
+    level = np.where(board, 60 + deviation, 60 - deviation).round().astype(np.uint8)
+    real = level.astype(float).std()
+    if abs(real - least) < 0.1:  # A window of odd side holds one pixel more of one kind.
+        return
+    refused = checks.texture(level, least_dn=least)[8:-8, 8:-8]
+    assert refused.all() if real < least else not refused.any()
+
+
+@given(count=st.integers(2, 400), more=st.integers(-1, 1))
+def test_islands_go_by_their_size(count, more):
+    """An island of n pixels goes where n <= count, and stays where it has one more."""
+    size = count + more
+    disparity = np.full((24, 24), np.nan, np.float32)
+    disparity.ravel()[np.arange(size) + 24] = 7.25
+    refused = checks.speckle(disparity, count=count, step_px=1.0)
+    assert refused.sum() == (size if size <= count else 0)
+
+
+@pytest.mark.parametrize("sigma_px", [0.5, 1.0, 2.0])
+def test_presmoothing_is_a_gaussian(sigma_px):
+    """A point becomes a Gaussian of that deviation, sampled at the pixels, to 1 % of its peak.
+
+    Does not prove that samples are as wide as the curve: at 0.5 px their deviation is 0.46 px.
+    """
+    point = np.zeros((41, 41), np.uint8)
+    point[20, 20] = 255
+    weights = np.exp(-((np.arange(41) - 20.0) ** 2) / (2 * sigma_px**2))
+    weights /= weights.sum()
+    expected = 255 * census.SUBLEVELS * np.outer(weights, weights)
+    np.testing.assert_allclose(
+        census.levels(point, presmooth_px=sigma_px), expected, atol=0.01 * expected.max()
+    )
+
+
+def test_neutral_checks_keep_what_they_look_at():
+    """Thresholds at neutral refuse nothing, however odd the disparities."""
+    wild = np.random.default_rng(0).uniform(0, 99, (30, 30)).astype(np.float32)
+    assert not checks.jump(wild, range_px=Checks().jump_px).any()
+    assert not checks.speckle(wild, count=Checks().speckle_count, step_px=1.0).any()
+
+
+# Pattern.
+
+
+@pytest.mark.parametrize("sigma_mrad", [2.0, 6.0])
+def test_shifted_dots_move_by_normal_deviates(sigma_mrad):
+    """Many dots of one place spread by the set deviation on both axes, in quadrature to their own.
+
+    To 5 %: 4000 dots. Does not prove that a device's dots move independently of each other.
+    """
+    ahead = np.zeros(4000)
+    made = Pattern.of_dots(
+        ahead,
+        ahead,
+        ahead + 1,
+        field=Field(30.0, 30.0),
+        width_px=960,
+        fwhm_mrad=3.0,
+        background=0.0,
+        name="many in one",
+    )
+    light = faults.irradiance(made, shifted_mrad=sigma_mrad, rng=np.random.default_rng(1))
+    for axis, focal_px in enumerate(made.field.focal_px(made.shape)):
+        profile = light.sum(axis=axis, dtype=np.float64)
+        away = 1e3 * (np.arange(len(profile)) - (len(profile) - 1) / 2) / focal_px
+        spread = np.sqrt((profile * away**2).sum() / profile.sum())
+        assert spread == pytest.approx(np.hypot(sigma_mrad, 3.0 * SIGMA_PER_FWHM), rel=0.05)
