@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import time
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,14 +15,14 @@ from numpy.typing import NDArray
 from sim import atlas_page, effects, metrics, panels, progress, record, scenes, sheet
 from sim.depth import disparity_from_depth, from_code, to_code
 from sim.dots import dot_contrast
-from sim.effects import Effect, Stage, Value, setting
+from sim.effects import Effect, Stage, Value, setting, written
 from sim.imager import Infrared
 from sim.layers import Image
 from sim.output import RECORD, OutputFolder
 from sim.scene import Scene
 from sim.sensor import Sensor
 from sim.sheet import Panel
-from sim.simulate import Shot, sequence
+from sim.simulate import Shot, refuse_impossible, sequence
 
 SCENE = "tabletop"
 # Effects that do nothing unless something else does, and what they are drawn with.
@@ -32,6 +33,15 @@ SHOWN_WITH: dict[str, dict[str, Value]] = {
 _FRAMES = 6  # Where a filter over time is on: enough for it to settle.
 _CROP = (0.42, 0.40, 0.36)  # Left, top and size of the part shown of the infrared, of the image's.
 _DPI = 65
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Drawing:
+    """What one effect is drawn from."""
+
+    row: Effect
+    without: tuple[Sensor, Scene]
+    affected: Mapping[Value, tuple[Sensor, Scene]]  # By value; that which changes most is drawn.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -64,30 +74,28 @@ def atlas(
         tell: wraps the loop over effects.
 
     Returns:
-        `{"out", "files", "effects": {NAME: {"value", "without", "with"}}}`.
+        `{"out", "files", "seconds", "effects": {NAME: {"value", "without", "with"}}}`.
 
     Raises:
-        InputError: unknown effect or a folder that cannot be written.
+        InputError: unknown effect, one that the sensor cannot show, or a folder that cannot be
+            written; nothing is rendered before.
     """
-    rows = [effects.named(name) for name in names] or list(effects.table())
+    started = time.perf_counter()
+    rows = [effects.named(name) for name in dict.fromkeys(names)] or list(effects.table())
     scene = scenes.load(SCENE, sensor)
     ideal = setting.ideal(sensor, scene)
     # A table lit by nothing but the projector has shadows without a trace of light.
     ideal = ideal[0], setting.on_scene(ideal[1], {"ambient": scene.ambient.irradiance_w_m2})
-    bases = {True: ideal, False: (sensor, scene)}
-    plain = {kind: _seen(*base) for kind, base in bases.items()}
+    drawings = [_drawing(row, ideal, (sensor, scene)) for row in rows]
+    plain: dict[int, _Seen] = {}  # By the camera's `id`: most are drawn beside one of two.
     figures: dict[str, Any] = {}
     with OutputFolder(out, force=force) as folder:
-        for row in tell(rows, "atlas"):
-            optical = row.stage not in (Stage.MATCHER, Stage.POST)
-            base, without = bases[optical], plain[optical]
-            if row.name in SHOWN_WITH:
-                base = setting.apply(*base, SHOWN_WITH[row.name])
-                without = _seen(*base)
-            seen = {
-                value: _seen(*setting.apply(*base, {row.name: value}))
-                for value in far_ends(row, *base)
-            }
+        for drawing in tell(drawings, "atlas"):
+            row, base = drawing.row, drawing.without
+            if id(base) not in plain:
+                plain[id(base)] = _seen(*base)
+            without = plain[id(base)]
+            seen = {value: _seen(*camera) for value, camera in drawing.affected.items()}
             value, affected = max(seen.items(), key=lambda item: _changed(without, item[1]))
             folder.write(f"{row.name}.jpg", _picture(row, value, without, affected))
             measured = {"without": without.figures, "with": affected.figures}
@@ -107,7 +115,23 @@ def atlas(
                 }
             ),
         )
-    return {"out": str(folder.path), "files": 2 * len(rows) + 2, "effects": figures}
+    return {
+        "out": str(folder.path),
+        "files": 2 * len(rows) + 2,
+        "seconds": round(time.perf_counter() - started, 3),
+        "effects": figures,
+    }
+
+
+def _drawing(row: Effect, ideal: tuple[Sensor, Scene], given: tuple[Sensor, Scene]) -> _Drawing:
+    """Choose the camera and the values that a row is drawn with."""
+    base = given if row.stage in (Stage.MATCHER, Stage.POST) else ideal
+    if row.name in SHOWN_WITH:
+        base = setting.apply(*base, SHOWN_WITH[row.name])
+    affected = {value: setting.apply(*base, {row.name: value}) for value in far_ends(row, *base)}
+    for sensor, _ in affected.values():
+        refuse_impossible(sensor, _frames(sensor))
+    return _Drawing(row=row, without=base, affected=affected)
 
 
 def far_ends(row: Effect, sensor: Sensor, scene: Scene) -> list[Value]:
@@ -132,9 +156,12 @@ def _changed(without: _Seen, affected: _Seen) -> float:
     return float(1 - same.mean())
 
 
+def _frames(sensor: Sensor) -> int:
+    return _FRAMES if sensor.post.temporal_alpha < 1 else 1
+
+
 def _seen(sensor: Sensor, scene: Scene) -> _Seen:
-    frames = _FRAMES if sensor.post.temporal_alpha < 1 else 1
-    *_, shot = sequence(scene, sensor, frames=frames)
+    *_, shot = sequence(scene, sensor, frames=_frames(sensor))
     truth = disparity_from_depth(
         shot.layers.truth.depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
     )
@@ -167,8 +194,7 @@ def _bytes(infrared: Infrared, sensor: Sensor) -> NDArray[np.uint8]:
 
 def _picture(row: Effect, value: Value, without: _Seen, affected: _Seen) -> bytes:
     """Draw infrared, disparity error and holes, without the effect on the left, with it right."""
-    name = f"{row.name} = {value:g}" if isinstance(value, float) else f"{row.name} = {value}"
-    titles = ("without", name)
+    titles = ("without", f"{row.name} = {written(value)}")
     rows = [_top(without, affected, titles)]
     rows.append(
         [
@@ -213,7 +239,8 @@ def _top(without: _Seen, affected: _Seen, titles: tuple[str, str]) -> list[Panel
     ]
 
 
-def _cropped(infrared: Any) -> Any:
+def _cropped(infrared: Infrared) -> Infrared:
+    """Cut out the part in which dots can be told apart."""
     left, top, size = _CROP
     height, width = infrared.shape
     rows = slice(int(top * height), int((top + size) * height))

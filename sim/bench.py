@@ -27,6 +27,7 @@ from sim.effects import Value, setting
 from sim.layers import Layers
 from sim.matcher import named
 from sim.post import chain
+from sim.registration import register
 from sim.scene import Scene
 from sim.scenes import builtin
 from sim.sensor import Sensor
@@ -114,7 +115,9 @@ def _effects(layers: Layers, scene: Scene, sensor: Sensor) -> Callable[[], None]
         nonlocal seed
         seed += 1  # What is drawn once a capture is drawn anew.
         simulate.infrared(layers, scene, sensor, seed=seed)
-        chain.process(shot.depth, sensor, causes={}, past=shot.depth.history)
+        depth = chain.process(shot.depth, sensor, causes={}, past=shot.depth.history)
+        if sensor.post.registered:
+            register(depth.depth_m, sensor)
 
     return run
 

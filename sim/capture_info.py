@@ -14,25 +14,11 @@ import tomli_w
 
 from patterns import errors
 from sim import structure
+from sim.pinhole import Pinhole
 from sim.sensor import Sensor
 
 FILE = "capture.toml"
 _Row = tuple[float, float, float, float]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Pinhole:
-    """Intrinsics of one more camera of the device: the colour camera."""
-
-    width: int  # [px]
-    height: int  # [px]
-    fx_px: float
-    fy_px: float
-    cx_px: float
-    cy_px: float
-
-    def __post_init__(self) -> None:
-        _check_pinhole(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -60,7 +46,7 @@ class CaptureInfo:
     extra: Mapping[str, Any] = field(default_factory=dict)  # Keys unknown here, kept as they are.
 
     def __post_init__(self) -> None:
-        _check_pinhole(self)
+        Pinhole.of(self)  # Refuses what cannot be.
         errors.positive(
             "baseline_m", self.baseline_m, "The left imager comes first: give the distance [m]."
         )
@@ -124,15 +110,6 @@ def dumps(info: CaptureInfo) -> str:
     table = structure.to_table(info)
     extra = table.pop("extra", {})
     return tomli_w.dumps({**table, **extra})
-
-
-def _check_pinhole(camera: Pinhole | CaptureInfo) -> None:
-    for name in ("width", "height"):
-        errors.in_interval(name, getattr(camera, name), 1, 16384, "Give the image size [px].")
-    for name in ("fx_px", "fy_px"):
-        errors.positive(name, getattr(camera, name), "Give the focal length [px].")
-    for name in ("cx_px", "cy_px"):
-        errors.in_interval(name, getattr(camera, name), -1e5, 1e5, "Give the principal point [px].")
 
 
 def _check_rigid(pose: np.ndarray) -> None:

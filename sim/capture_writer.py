@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import capture_info, exr, frames, png, record, sensors
-from sim.capture_info import CaptureInfo, Pinhole
+from sim.capture_info import CaptureInfo
 from sim.depth import DepthMap, to_code
 from sim.layers import Layers
 from sim.output import RECORD, OutputFolder
+from sim.pinhole import Pinhole
 from sim.png import GreyImage
 from sim.reason import Reason
 from sim.sensor import Sensor
@@ -44,11 +44,10 @@ def _colour(sensor: Sensor) -> dict[str, Any]:
     """The colour camera's intrinsics and place, where there is one."""
     if sensor.colour is None:
         return {}
-    names = (field.name for field in dataclasses.fields(Pinhole))
     pose = frames.pose(sensor.colour.position_m, sensor.colour.rotation_deg)
     rows = tuple(tuple(map(float, row)) for row in np.linalg.inv(pose))
     return {
-        "colour": Pinhole(**{name: getattr(sensor.colour, name) for name in names}),
+        "colour": Pinhole.of(sensor.colour),
         "colour_from_left": rows,
     }
 

@@ -44,7 +44,15 @@ _GAIN = Effect(
     shows="With auto exposure the mean stays and the noise grows: at 4 temporal noise doubles (1.2 "
     "to 2.4 DN) and disparity noise goes from 0.07 to 0.09 px, at 15.5 to 0.14 px. Without, dots "
     "fill: 96 % of the pixels at 15.5, and nearly three quarters of the depth are gone.",
-    confused_with=("exposure", "saturation", "read_noise", "shot_noise"),
+    confused_with=(
+        "exposure",
+        "saturation",
+        "read_noise",
+        "shot_noise",
+        "projector_power",
+        "auto_exposure",
+        "gamma",
+    ),
     source=f"Register 16 to 248 over 16 (librealsense presets.cpp; {_OV9281}: 0x10 to 0xff)",
 )
 
@@ -63,7 +71,7 @@ _AUTO_EXPOSURE = Effect(
     "all others. At a level of 0.1 instead of 0.375 the mean is 26 instead of 93 DN, saturation "
     "goes from 2.9 % to none, disparity noise from 0.066 to 0.091 px. Beyond the longest time: as "
     "exposure.",
-    confused_with=("exposure", "gain", "saturation"),
+    confused_with=("exposure", "gain", "saturation", "flicker"),
     source="Setpoints 400 and 1536, of 4096 as assumed: librealsense presets.cpp",
 )
 
@@ -77,7 +85,7 @@ _SHOT_NOISE = Effect(
     shows="Temporal deviation grows as the root of the level: slope of variance against mean. "
     "Without it temporal disparity noise falls from 0.066 to 0.023 px, what is left being read "
     "noise and the converter. Averages out over frames.",
-    confused_with=("read_noise", "gain", "saturation"),
+    confused_with=("read_noise", "gain", "saturation", "laser_speckle", "smoothing"),
     source=f"{_EMVA}, photon transfer; {_IMX900}: 2.5 electrons a step of 12 bits",
 )
 
@@ -91,7 +99,7 @@ _READ_NOISE = Effect(
     shows="Temporal deviation also where it is black. 5 electrons are an eighth of an 8-bit step "
     "and not seen; 150 (3.8 DN) give 3.4 DN of temporal noise, disparity noise 0.066 to 0.115 px "
     "and 0.3 % more holes, first where it is dark. Averages out over frames.",
-    confused_with=("shot_noise", "dsnu", "row_noise", "gain"),
+    confused_with=("shot_noise", "dsnu", "row_noise", "gain", "dark_current", "quantisation"),
     source=f"{_EMVA}; {_IMX900}: 5.6 electrons (1.95 at high conversion gain)",
 )
 
@@ -119,7 +127,7 @@ _DARK_CURRENT = Effect(
     shows="A pedestal that grows with the exposure, and noise in the dark: at 1000 electrons/s and "
     "28 ms 0.7 DN and nothing in depth; at 100000 the mean rises by 69 DN and disparity noise from "
     "0.066 to 0.080 px. Auto exposure here meters light alone and does not answer.",
-    confused_with=("black_level", "shot_noise"),
+    confused_with=("black_level", "read_noise"),
     source=f"{_EMVA}, dark current; {_IMX900}: 1.5 electrons/s",
 )
 
@@ -133,7 +141,7 @@ _DSNU = Effect(
     shows="A pattern in dark frames that stays with the camera, alike at all levels. 4 electrons "
     "are not seen at 8 bits; 40 (1 DN) move the standing disparity error from 0.106 to 0.124 px, "
     "temporal noise not at all.",
-    confused_with=("prnu", "read_noise", "column_noise"),
+    confused_with=("prnu", "read_noise", "column_noise", "hot_pixels"),
     source=f"{_EMVA}; {_IMX900}: 3.7 electrons (1.3 at high conversion gain); IMX492: 0.97",
 )
 
@@ -175,7 +183,7 @@ _HOT_PIXELS = Effect(
     shows="Single pixels at the ceiling, at the same places in every scene, emitter on or off. At "
     "0.001 the error's spread goes from 0.106 to 0.111 px, at 0.01 to 0.151 px with 0.2 % more "
     "holes, in spots of the matcher's window.",
-    confused_with=("dsnu", "saturation"),
+    confused_with=("dsnu",),
     source=f"{_EMVA}, defect pixels; 1e-5 to 1e-3 is typical, assumed",
 )
 
@@ -189,7 +197,7 @@ _SATURATION = Effect(
     shows="Flat-topped dots where it is near or shiny. A smaller well is a larger gain, exactly: "
     "with auto exposure 2000 electrons instead of 10000 double the noise (1.2 to 2.7 DN, disparity "
     "0.066 to 0.10 px) and saturate as much as before.",
-    confused_with=("gain", "exposure", "shot_noise", "blooming"),
+    confused_with=("gain", "exposure", "shot_noise", "blooming", "auto_exposure"),
     source=f"{_EMVA}, saturation capacity; {_IMX900}: 9458 electrons (2183 at high conversion "
     "gain)",
 )
@@ -202,9 +210,10 @@ _BLOOMING = Effect(
     imitates="Charge above the full well that runs along its column.",
     law="share of the excess leaves, half up, half down, and fills the room it meets; the rest is "
     "drained",
-    shows="Vertical streaks from full pixels, and nothing else: at 0.3, with 2.9 % of the pixels "
-    "full, 0.9 % more are filled; fill and errors elsewhere do not move.",
-    confused_with=("saturation", "exposure"),
+    shows="Vertical streaks from full pixels: at 0.3, with 2.9 % of the pixels full, 0.9 % more "
+    "fill up; holes and errors elsewhere do not move. Where most dots are full (2 W, 0.5) streaks "
+    "run together: holes go from 3.5 to 17 %, 4.6 % are off by more than 1 px.",
+    confused_with=("saturation",),
     source="Janesick, Scientific Charge-Coupled Devices (2001); weak in CMOS pixels, range assumed",
 )
 
@@ -263,7 +272,7 @@ _BLACK_LEVEL = Effect(
     shows="Darkness reads the level, whatever the exposure; at 0 half of the dark noise is cut "
     "off. Auto exposure takes it for light: at 16 instead of 4 DN it gives 24.5 instead of "
     "28.2 ms. Disparity noise within 3 %.",
-    confused_with=("dark_current", "gamma", "veil"),
+    confused_with=("dark_current", "gamma", "veil", "ambient"),
     source="4 to 5 DN measured on a D415; Sony IMX900: 240 of 4095",
 )
 

@@ -31,7 +31,19 @@ POWER = Effect(
         "Dots stand out less, ambient texture stays; auto exposure hides the level but not the "
         "ratio of dots to the rest. At a third of the power: noise 0.22 px, holes as before."
     ),
-    confused_with=("exposure", "gain", "flicker", "wavelength"),
+    confused_with=(
+        "exposure",
+        "gain",
+        "flicker",
+        "wavelength",
+        "ambient",
+        "nir_reflectance",
+        "sunlight",
+        "second_projector",
+        "projector_field",
+        "dropped_dots",
+        "veil",
+    ),
     source="librealsense src/ds/advanced_mode/presets.cpp: 150 mW by default; set from 0 to 360",
 )
 
@@ -55,7 +67,7 @@ DOT_BLUR = Effect(
         "Infrared: dots wide and dim, edges and ambient texture sharp. 3 mrad: no bias, holes as "
         "before, noise 0.14 px: a spot of many pixels is easier to place while light is plenty."
     ),
-    confused_with=("lens_blur", "dot_defocus", "subsurface"),
+    confused_with=("lens_blur", "dot_defocus", "subsurface", "crosstalk"),
     source="variances add under convolution; spot widths in docs/decisions/0004-patterns.md",
     rerender=_PATTERN,
 )
@@ -88,7 +100,7 @@ DOT_DEFOCUS = Effect(
         "Infrared: near dots wide, those at the focus as before. 1.5 mrad m: a wall at 0.3 m loses "
         "half of its dots' contrast; the scene at 1 to 2 m shows next to nothing."
     ),
-    confused_with=("dot_blur", "near_defocus"),
+    confused_with=("dot_blur", "near_defocus", "subsurface"),
     source="thin lens: a uniform aperture of width A blurs by sigma = A/4 |1/z - 1/focus|",
     rerender=_PATTERN,
 )
@@ -131,7 +143,7 @@ POSITION = Effect(
             low=low,
             high=high,
         )
-        for axis, low, high in (("x", 0.02, 0.045), ("y", -0.005, 0.005), ("z", -0.005, 0.005))
+        for axis, low, high in (("x", 0.0, 0.08), ("y", -0.005, 0.005), ("z", -0.005, 0.005))
     ),
     imitates="A projector that stands elsewhere than the model says.",
     law="In the left image the pattern moves by f x/z: more at small distances.",
@@ -200,7 +212,7 @@ FIELD = Effect(
         "The pattern ends inside the image, with a straight edge that moves with depth, or its "
         "dots are dimmer. 70 x 48 deg instead of 90 x 63: holes 32 % instead of 6.5, outside."
     ),
-    confused_with=("projector_power", "wrong_pattern"),
+    confused_with=("projector_power", "wrong_pattern", "dropped_dots"),
     source="sources disagree: D435 90 x 63 or 86 x 57 deg (FRAMOS D435e manual, p. 8)",
     rerender=_PATTERN,
 )
@@ -225,7 +237,7 @@ DROPPED = Effect(
         "Dots missing at the same places of the projector's frame, in both imagers. 0.4: noise "
         "0.31 px and bad pixels 9.7 % instead of 2.9 where windows hold no dot; holes 7.5 %."
     ),
-    confused_with=("projector_power", "wrong_pattern", "projector_field"),
+    confused_with=("projector_power", "wrong_pattern", "projector_field", "shifted_dots"),
     source="binomial draw; the share is a device's own, no source gives one",
     rerender=_PATTERN,
 )
@@ -250,7 +262,7 @@ SHIFTED = Effect(
         "Some dots run together, others leave gaps. 6 mrad: stereo noise 0.20 px, no bias. "
         "Structured light errs by f sigma over the dots in its window, static in its frame."
     ),
-    confused_with=("wrong_pattern", "dot_blur"),
+    confused_with=("wrong_pattern", "dropped_dots"),
     source="normal deviates, assumed",
     rerender=_PATTERN,
 )
@@ -274,7 +286,13 @@ WRONG_PATTERN = Effect(
         "The infrared image and the template do not correlate, the two imagers do. Each pixel's "
         "disparity changes by 0.13 px (median), noise and holes as a whole do not."
     ),
-    confused_with=("projector_rotation", "projector_position", "shifted_dots"),
+    confused_with=(
+        "projector_rotation",
+        "projector_position",
+        "shifted_dots",
+        "projector_field",
+        "dropped_dots",
+    ),
     source="makers publish no patterns (librealsense#3997); see docs/decisions/0004-patterns.md",
     rerender=_PATTERN,
 )
@@ -303,7 +321,7 @@ SPECKLE = Effect(
         "light. Left and right differ, repeats do not: noise of the disparity that no temporal "
         "average removes. 0.3: 0.24 px."
     ),
-    confused_with=("prnu", "shot_noise", "pixel_locking"),
+    confused_with=("prnu", "shot_noise"),
     source=f"{_GOODMAN}; C = 1/sqrt(N): J. Opt. Soc. Am. 66 (1976) 1145",
 )
 
@@ -341,7 +359,7 @@ WAVELENGTH = Effect(
             paths=("projector.wavelength_nm",),
             unit="nm",
             neutral=None,
-            low=835.0,
+            low=820.0,
             high=865.0,
         ),
     ),
@@ -351,8 +369,9 @@ WAVELENGTH = Effect(
         "and width of speckle's grain follow lambda."
     ),
     shows=(
-        "Without a filter hardly anything (2 % in exposure over 20 nm). With one: dots dim, in the "
-        "corners first or last, where the filter's band has shifted to the blue."
+        "With a filter: dots dim, in the corners first or last, where its band has shifted to the "
+        "blue. Without: levels 1.8 % higher at 865 nm. The quantum efficiency is held at the value "
+        "given for the line; silicon's falls by 0.8 % a nm and would have to be moved with it."
     ),
     confused_with=("projector_power", "filter_shift"),
     source="850 +-10 nm at 20 deg C (FRAMOS D435e manual, p. 8), 0.07 nm/K (assumed)",

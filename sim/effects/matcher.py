@@ -71,7 +71,7 @@ _COST = (
         "more than 1 px against 0.88 %), edges tighter (holes near edges 12.8 % against 16.2 %). "
         "Larger: holes 2.2 % at 11 px; by theory near surfaces grow by half the window, whatever "
         "the depth.",
-        confused_with=("support_window", "presmooth", "lens_blur"),
+        confused_with=("support_window", "presmooth", "cost_mix"),
         source="Zabih and Woodfill 1994, ECCV; window 9 in librealsense presets.cpp",
     ),
     _row(
@@ -96,7 +96,7 @@ _COST = (
         law="cost averaged over arms along the row, then the column, of side // 2 at most",
         shows="Smaller: noisier, step between neighbours 0.036 px at 5 px against 0.035, more "
         "holes (2.3 %). Larger: smoother (0.034 px at 15 px), fewer holes (1.9 %).",
-        confused_with=("census_window", "smoothing_mean"),
+        confused_with=("census_window", "smoothing_mean", "small_penalty", "large_penalty"),
         source=_AD_CENSUS,
     ),
     _row(
@@ -164,7 +164,7 @@ _CHECKS = (
         shows="Holes alone. It makes the shadow left of near things: off, gaps there close with "
         "false depth (1.2 % holes, 8.9 % near edges); 0.3 px: blobs along curved and dark parts "
         "(3.9 %, 29 % near edges).",
-        confused_with=("uniqueness", "edge_jump"),
+        confused_with=("uniqueness", "edge_jump", "speckle_filter"),
         source=f"{_DSAPI}: lrThreshold",
     ),
     _row(
@@ -187,7 +187,7 @@ _CHECKS = (
         law="refused if disparities in 3x3 pixels span more than largest",
         shows="A line of holes along all edges, right and lower ones too, where nothing is "
         "hidden. Off, only the left-hand shadows remain (11 % near edges against 16 %).",
-        confused_with=("left_right_threshold", "speckle_filter"),
+        confused_with=("left_right_threshold",),
         source="decision 0003, the device's gaps at edges",
     ),
     _row(
@@ -225,7 +225,7 @@ _REFINEMENT = (
         law="weighted mean over side x side of neighbours within step",
         shows="Off: grain, 0.048 px between neighbours against 0.035, 0.239 px against the "
         "scanner. 31 px: grain gone (0.030 px), curved parts flattened (1.2 % off). Holes stay.",
-        confused_with=("support_window", "spatial_filter"),
+        confused_with=("support_window", "spatial_filter", "median"),
         source="decision 0003, autocorrelation of the device's error",
     ),
     _row(

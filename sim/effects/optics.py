@@ -36,7 +36,17 @@ LENS_BLUR = Effect(
         "contrast of dots falls by a fifth, holes grow to 0.7 %; the noise of the disparity, "
         "0.15 px, hardly changes while light is plenty."
     ),
-    confused_with=("dot_blur", "corner_blur", "near_defocus"),
+    confused_with=(
+        "dot_blur",
+        "corner_blur",
+        "near_defocus",
+        "motion",
+        "turning",
+        "subsurface",
+        "crosstalk",
+        "smoothing",
+        "presmooth",
+    ),
     source="variances add under convolution; discrete Gaussian: Lindeberg, IEEE TPAMI 12(3), 1990",
 )
 
@@ -76,7 +86,7 @@ NEAR_DEFOCUS = Effect(
         "0.9 px, one at 1 m not at all. Near dots are many pixels wide: the disparity of a wall at "
         "0.3 m does not change even at 0.5 px m."
     ),
-    confused_with=("lens_blur", "dot_defocus"),
+    confused_with=("lens_blur", "dot_defocus", "corner_blur"),
     source="Potmesil and Chakravarty, ACM TOG 1(2), 1982, eqs. 1 to 5: circle of confusion",
 )
 
@@ -91,7 +101,7 @@ VIGNETTING = Effect(
     law="Light falls as cos^n of the angle off the camera's axis; n = 4 for an ideal lens.",
     shows=(
         "Infrared: dark corners, in dots and ambient light alike, the same whatever is seen. At "
-        "n = 4 a quarter of the light is left in a D435's corner: noise 0.18 px, no bias, and no "
+        "n = 4 a fifth of the light is left in a D435's corner: noise 0.18 px, no bias, and no "
         "more holes while the rest is bright."
     ),
     confused_with=("projector_falloff", "filter_shift"),
@@ -122,10 +132,11 @@ FILTER_SHIFT = Effect(
         "1 / (1 + x^6), x its distance from the middle in half widths. Width 0 is no filter."
     ),
     shows=(
-        "Infrared: dots fade in the corners, ambient light does not. At 60 nm a D435 loses 9 % "
-        "of its depth, nearly half of it at the right edge; at 30 nm 42 %."
+        "Infrared: dots fade in the corners; ambient light rises there (by 17 % at 60 nm, 25 % at "
+        "150 nm), as the band moves to where silicon sees better. At 60 nm a D435 loses 9 % of its "
+        "depth, nearly half of it at the right edge; at 30 nm 42 %; 150 nm cost next to nothing."
     ),
-    confused_with=("projector_falloff", "vignetting", "wavelength"),
+    confused_with=("projector_falloff", "vignetting", "wavelength", "corner_blur"),
     source="Smith, Modern Optical Engineering, sec. 11; docs/decisions/0007-spectra.md",
 )
 
@@ -142,7 +153,7 @@ VEIL = Effect(
         "Infrared: a pedestal that follows the image's mean and not the albedo; black is grey. At "
         "5 % dots lose 5 % of their contrast, and depth next to nothing."
     ),
-    confused_with=("black_level", "projector_power"),
+    confused_with=("black_level", "projector_power", "ambient", "interreflection"),
     source="veiling glare index: ISO 9358; 1 to 5 % assumed for small lenses behind a window",
 )
 
@@ -159,9 +170,10 @@ DISTORTION = Effect(
     law="A point lands outwards by shift_px (r / r_h)^3, r_h half the diagonal.",
     shows=(
         "Disparity error: a smooth map, the same in px at every depth, of opposite sign at the "
-        "left and right edge (0.5 px: +0.04 and -0.14 px). Infrared and holes look perfect."
+        "left and right edge (0.5 px: +0.24 and -0.20 px at 60 px from them, none in the "
+        "middle). Infrared and holes look perfect."
     ),
-    confused_with=("yaw", "roll", "disparity_offset"),
+    confused_with=("yaw", "roll"),
     source="Hartley and Zisserman, Multiple View Geometry, 2nd ed., sec. 7.4; range assumed",
 )
 
@@ -178,7 +190,9 @@ VERTICAL_OFFSET = Effect(
     law="The right image lies lower by offset_px: the left-right correlation peaks there.",
     shows=(
         "Left against right: the correlation's peak is off the row. Depth: a bias that depends on "
-        "the texture (-0.07 px at 1 px), noise (0.24 px at 1 px, 0.31 at 1.5), then holes."
+        "the texture (-0.07 px at 1 px), noise (0.24 px at 1 px, 0.31 at 1.5), then holes. Dots "
+        "drawn out along the diagonals bias opposite corners alike: 0.3 to 0.8 px at 1.5 px, too "
+        "near at upper left and lower right, too far at the others."
     ),
     confused_with=("pitch", "roll"),
     source=_SELF_CALIBRATION,
@@ -199,7 +213,7 @@ ROLL = Effect(
         "Rows are off by opposite signs at the left and right edge. Disparity errs in proportion "
         "to the row, so flat things tilt: 1.2 px at top and bottom for 0.3 deg; holes at the sides."
     ),
-    confused_with=("vertical_offset", "pitch", "distortion"),
+    confused_with=("vertical_offset", "pitch", "distortion", "rolling_shutter", "model_turn"),
     source=_SELF_CALIBRATION,
 )
 
@@ -215,8 +229,9 @@ PITCH = Effect(
     imitates="One imager that looks higher than the other.",
     law="The image moves down by f angle (1 + y^2 / f^2) and sideways by x y angle / f.",
     shows=(
-        "As vertical_offset (0.2 deg is 1.5 px for a D435: noise 0.29 px, 3 % holes), and the "
-        "disparity errs with x y, least of all in the middle."
+        "As vertical_offset (0.2 deg is 1.5 px for a D435: noise 0.29 px, 3 % holes) but for the "
+        "corners: the shift sideways, which grows with x y, takes away most of the bias that dots "
+        "drawn out along the diagonals make there."
     ),
     confused_with=("vertical_offset", "roll"),
     source=_SELF_CALIBRATION,
@@ -237,7 +252,7 @@ DISPARITY_OFFSET = Effect(
         "Disparity: one bias in px everywhere; depth: an error that grows with the square of "
         "distance. Infrared, noise and holes look perfect."
     ),
-    confused_with=("yaw", "focal_scale", "baseline_error"),
+    confused_with=("yaw", "focal_scale", "baseline_error", "model_shift", "model_scale"),
     source=_SELF_CALIBRATION,
 )
 
@@ -253,8 +268,8 @@ YAW = Effect(
     imitates="A right imager that looks to the right of where it should.",
     law="d' = d + f angle (1 + x^2 / f^2): a disparity offset that grows a little off the axis.",
     shows=(
-        "0.1 deg biases a D435 by 0.87 px in the middle and 1.0 px at the edges; else as "
-        "disparity_offset."
+        "0.1 deg biases a D435 by 0.76 px in the middle and 1.25 px at 60 px from the left and "
+        "right edges; else as disparity_offset."
     ),
     confused_with=("disparity_offset", "distortion", "focal_scale"),
     source=_SELF_CALIBRATION,
@@ -272,10 +287,11 @@ FOCAL_SCALE = Effect(
     imitates="Lenses that heat has lengthened: both focal lengths off what is stored.",
     law="d' = factor d, so depth is z / factor: it errs in proportion to z.",
     shows=(
-        "Disparity errs in proportion to itself (2 %: 0.3 px on a table at 1.3 m), depth in "
-        "proportion to z; things seem that much wider too, which a baseline error does not do."
+        "On surfaces that face the camera disparity errs in proportion to itself (2 %: 0.3 px on a "
+        "table at 1.3 m), depth in proportion to z; things seem that much wider too, so a tilted "
+        "plane errs evenly, by what it has at the principal point. A baseline error does neither."
     ),
-    confused_with=("baseline_error", "disparity_offset"),
+    confused_with=("baseline_error", "disparity_offset", "model_scale", "yaw"),
     source=(
         "Calvert 2018, Improving the depth map accuracy of RealSense cameras: one D435 read "
         "980.7 mm at 1000 mm, a million readings averaged"

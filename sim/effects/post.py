@@ -21,7 +21,7 @@ _RANGE = Effect(
     law="depth stays where near_m <= z <= far_m, both ends included",
     shows="No depth beyond one sharp distance, whatever the surface; infrared and every depth that "
     "stays are untouched. Two histograms of depth part at the limit and nowhere else.",
-    confused_with=("hole_filling",),
+    confused_with=("disparity_shift", "search_range", "depth_unit"),
     source="librealsense threshold filter: 0 to 16 m, its defaults 0.1 and 4 m; least distance of "
     "the D4xx f b / 126 (librealsense#2885)",
 )
@@ -47,7 +47,7 @@ _DECIMATION = Effect(
     shows="Square blocks of equal depth from pixel (0, 0) on; holes narrower than a block close "
     "(0.940 filled became 0.949 with 2 and 0.960 with 4 on one real room) and edges move by up to "
     "a block, tens of px of disparity on a thin rim. Neighbours are equal within blocks only.",
-    confused_with=("spatial_filter", "hole_filling"),
+    confused_with=("spatial_filter", "hole_filling", "registration"),
     source=f"{_PAGE}: 2 to 8, default 2",
 )
 
@@ -91,7 +91,7 @@ _SPATIAL = Effect(
     "disparity fell from 0.033 to 0.003 px (median absolute deviation), single pixels moved by "
     "0.02 px (median), 0.16 px (99 %). Disparities leave the comb of 1/32 px: beyond 2.5 m all "
     "codes of the raw device sit on it, after the filter no more than by chance (0.18 to 0.26).",
-    confused_with=("decimation", "temporal_filter"),
+    confused_with=("decimation", "temporal_filter", "smoothing_mean"),
     source=f"{_PAGE}: alpha 0.25 to 1, 0.5; delta 1 to 50, 20; iterations 1 to 5, 2; {_DELTA}; "
     "Gastal and Oliveira 2011, Domain transform, sec. 5",
 )
@@ -181,7 +181,7 @@ _DEPTH_UNIT = Effect(
     law="code = round(z / unit_m), kept where 1 <= code <= 65535; error uniform, unit_m / sqrt(12)",
     shows="Steps of equal depth, so of fewer px of disparity far off; near objects look terraced "
     "with 1e-2 m. Nothing beyond 65535 steps: 6.55 m with 1e-4 m.",
-    confused_with=("range",),
+    confused_with=("range", "subpixel_steps"),
     source="librealsense#5587: 1e-4 to 1e-2 m; default 1e-3 m, D405 1e-4 m (librealsense#8946)",
 )
 
@@ -202,9 +202,9 @@ _REGISTRATION = Effect(
     ),
     imitates="Depth given in the colour camera's image; needs a colour camera.",
     law="every depth pixel is moved to where the colour camera sees its point; the nearer one wins",
-    shows="In the colour image: holes beside near things on the side away from the left imager, "
-    "gaps where the colour image is finer, doubled edges where far depth shows through. Depth in "
-    "the left imager's frame is untouched.",
+    shows="In the colour image: holes on the left of near things where the colour camera stands left "
+    "of the left imager, gaps where the colour image is finer, doubled edges where far depth shows "
+    "through. Depth in the left imager's frame is untouched.",
     confused_with=("decimation",),
     source="librealsense align block; depth to colour offsets: realsense-ros _d4xx.urdf.xacro",
 )

@@ -36,7 +36,7 @@ NIR_REFLECTANCE = Effect(
         "At 0.2: noise 0.14 px on things, fill as before; auto exposure hides what all bodies "
         "share."
     ),
-    confused_with=("projector_power",),
+    confused_with=("projector_power", "ambient_gradient", "transparency"),
     source="docs/materials.md: black nylon returns 0.35 at 850 nm, carbon black 0.03",
     rerender="reflectance is within the rendered layers",
 )
@@ -116,9 +116,10 @@ TRANSPARENCY = Effect(
         "Disparity: what lies behind, or between, at the body's pixels: bimodal, bias towards "
         "the background. "
         "Share 0.5: 67 % of the things' pixels off by more than 1 px, filled to 92 %; 0.9: 96 %"
-        " off, filled to 98 %. Depth that is wrong, not missing."
+        " off, filled to 98 %. Depth that is wrong, not missing, and the body's own dots dim. "
+        "Nothing is refracted: for that there are bodies of glass."
     ),
-    confused_with=("projector_power",),
+    confused_with=("nir_reflectance", "model_shift"),
     source="geometry; librealsense issues 2550 and 7570 (glass and clear plastic)",
     rerender="what lies behind has to be seen",
 )
@@ -145,7 +146,7 @@ SUBSURFACE = Effect(
         "1 mm: dots 8.0 of 10.8 DN, noise as before; 3 mm: 2.5 DN, 0.23 px on things, filled to"
         " 90 %; 10 mm: filled to 67 %."
     ),
-    confused_with=("dot_blur", "dot_defocus", "lens_blur"),
+    confused_with=("dot_blur", "dot_defocus", "lens_blur", "interreflection"),
     source="Jensen et al., A practical model for subsurface light transport, 2001, eq. 4 and table",
 )
 
@@ -169,7 +170,7 @@ SUNLIGHT = Effect(
         "Infrared: shading and shadows with sharp borders that stay where they are with the "
         "projector off; exposure goes down and takes the dots along. "
         "3 W m^-2 (28 times the projector's mean at 1 m): noise 0.23 px, things filled to 87 %; "
-        "30: all filled to 50 %."
+        "30: all filled to 50 %. An exposure held at 8.5 ms is full at 50: depth stays in shadows."
     ),
     confused_with=("ambient", "projector_power"),
     source="ASTM G173 in the band of the imager (sim.spectra); librealsense issue 10022",

@@ -33,8 +33,8 @@ from numpy.typing import NDArray
 
 from sim import frames
 from sim.layers import Image
-from sim.optics.pinhole import Pinhole
 from sim.parts.lens import Alignment
+from sim.pinhole import Pinhole
 
 _ALIGNED = Alignment()
 

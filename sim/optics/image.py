@@ -9,7 +9,7 @@ import numpy as np
 from sim.layers import Image
 from sim.light.received import Received
 from sim.optics import alignment, shading, speckle, spot, veil
-from sim.optics.pinhole import Pinhole
+from sim.pinhole import Pinhole
 from sim.sensor import Imager, Sensor
 
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from sim.layers import Image
-from sim.optics.pinhole import Pinhole
+from sim.pinhole import Pinhole
 from sim.sensor import Imager
 
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from sim.layers import Image
 from sim.optics import blur
-from sim.optics.pinhole import Pinhole
 from sim.parts.lens import Lens
+from sim.pinhole import Pinhole
 
 _STEP = 2.0  # Ratio of neighbouring blurs' variances.
 _FIRST_PX2 = 0.25  # Variance of the first blur above none [px^2].

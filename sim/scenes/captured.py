@@ -13,7 +13,7 @@ from sim.capture import open_set
 from sim.capture_info import CaptureInfo
 from sim.depth import disparity_from_depth
 from sim.optics import shading
-from sim.optics.pinhole import Pinhole
+from sim.pinhole import Pinhole
 from sim.scene import Ambient, Body, Material, Scene
 from sim.scenes import depth_mesh, dots_off
 from sim.sensor import Sensor
@@ -108,15 +108,7 @@ def _without_dots(infrared: NDArray, black_level_dn: float, *, dots: bool) -> Ar
 
 def _seen_share(info: CaptureInfo, sensor: Sensor) -> Array:
     """Share of the light that the lens lets through off the axis, (h, w)."""
-    pinhole = Pinhole(
-        width=info.width,
-        height=info.height,
-        fx_px=info.fx_px,
-        fy_px=info.fy_px,
-        cx_px=info.cx_px,
-        cy_px=info.cy_px,
-    )
-    return shading.vignetting(sensor.left.lens.vignetting, pinhole)
+    return shading.vignetting(sensor.left.lens.vignetting, Pinhole.of(info))
 
 
 def _reflectance(level: Array) -> Array:

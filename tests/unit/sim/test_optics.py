@@ -14,7 +14,7 @@ from sim import sensors
 from sim.layers import Image
 from sim.light.received import Received
 from sim.optics import alignment, blur, image, shading, spot, veil
-from sim.optics.pinhole import Pinhole
+from sim.pinhole import Pinhole
 from sim.sensor import Alignment, Imager, Lens, Sensor
 
 PINHOLE = Pinhole(width=161, height=121, fx_px=100.0, fy_px=110.0, cx_px=70.3, cy_px=50.8)

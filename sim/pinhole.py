@@ -1,40 +1,42 @@
-"""Where an imager's pixels look: the pinhole that rectification promises."""
+"""Where an imager's pixels look: size and intrinsics of one camera."""
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
+from patterns import errors
 from sim.layers import Image
-
-if TYPE_CHECKING:
-    from sim.sensor import Sensor
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pinhole:
-    """Size and intrinsics [px] of either imager of a rectified pair."""
+    """Size and intrinsics of one camera, or of both imagers of a rectified pair."""
 
-    width: int
-    height: int
+    width: int  # [px]
+    height: int  # [px]
     fx_px: float
     fy_px: float
     cx_px: float
     cy_px: float
 
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            errors.in_interval(name, getattr(self, name), 1, 16384, "Give the image size [px].")
+        for name in ("fx_px", "fy_px"):
+            errors.positive(name, getattr(self, name), "Give the focal length [px].")
+        for name in ("cx_px", "cy_px"):
+            errors.in_interval(
+                name, getattr(self, name), -1e5, 1e5, "Give the principal point [px]."
+            )
+
     @classmethod
-    def of(cls, sensor: Sensor) -> Pinhole:
-        """The pinhole that both imagers of a sensor share."""
-        return cls(
-            width=sensor.width,
-            height=sensor.height,
-            fx_px=sensor.fx_px,
-            fy_px=sensor.fy_px,
-            cx_px=sensor.cx_px,
-            cy_px=sensor.cy_px,
-        )
+    def of(cls, camera: Any) -> Pinhole:
+        """The pinhole of whatever has its fields: a sensor, captures, a colour camera."""
+        return cls(**{field.name: getattr(camera, field.name) for field in dataclasses.fields(cls)})
 
     @property
     def half_diagonal_px(self) -> float:
