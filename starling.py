@@ -160,7 +160,8 @@ def simulate(
         out: folder to make.
         frames: readings of each scene, each with noise of its own.
         seed: equal seeds give equal bits on one machine.
-        samples: paths a coarse pixel of indirect light; 0 leaves indirect light out.
+        samples: paths a coarse pixel of indirect light; 0 takes 16 where the scene or an effect
+            has interreflection, and leaves indirect light out elsewhere.
         device_preset: a RealSense preset or an exported file of controls.
         emitter: switch the projector on or off.
         effect: departures from the sensor and scene as they are (see `starling effects`).

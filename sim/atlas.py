@@ -27,7 +27,8 @@ from sim.simulate import Shot, refuse_impossible, sequence
 SCENE = "tabletop"
 # Effects that do nothing unless something else does, and what they are drawn with.
 SHOWN_WITH: dict[str, dict[str, Value]] = {
-    "rolling_shutter": {"motion": 0.2},
+    "rolling_shutter": {"motion": 1.0},
+    "black_level": {"quantisation": 8.0},
     "blooming": {"projector_power": 2.0},
 }
 _FRAMES = 6  # Where a filter over time is on: enough for it to settle.
@@ -49,6 +50,7 @@ class _Seen:
     """A reading and what is measured on it."""
 
     shot: Shot
+    truth_m: Image  # What the errors are against.
     error_px: Image
     figures: dict[str, float]
 
@@ -95,7 +97,11 @@ def atlas(
             if id(base) not in plain:
                 plain[id(base)] = _seen(*base)
             without = plain[id(base)]
-            seen = {value: _seen(*camera) for value, camera in drawing.affected.items()}
+            # Errors are against where things stand without the effect.
+            seen = {
+                value: _seen(*camera, truth_m=without.truth_m)
+                for value, camera in drawing.affected.items()
+            }
             value, affected = max(seen.items(), key=lambda item: _changed(without, item[1]))
             folder.write(f"{row.name}.jpg", _picture(row, value, without, affected))
             measured = {"without": without.figures, "with": affected.figures}
@@ -140,11 +146,13 @@ def far_ends(row: Effect, sensor: Sensor, scene: Scene) -> list[Value]:
     Both ends of its range where it stands between them; of choices the first and the last.
     """
     parameter = row.parameters[0]
-    base = setting.neutral(parameter, sensor, scene)
+    base = setting.value(parameter, sensor, scene)
     if parameter.choices:
         return [end for end in (parameter.choices[0], parameter.choices[-1]) if end != base]
     low, high = parameter.low, parameter.high
-    assert low is not None and high is not None and isinstance(base, float | int)
+    assert low is not None and high is not None  # A number has a range.
+    if not isinstance(base, float):
+        return [high]  # A sensor without the field: refused where it is set.
     if low < base < high:
         return [low, high]
     return [low if base >= high else high]
@@ -160,11 +168,12 @@ def _frames(sensor: Sensor) -> int:
     return _FRAMES if sensor.post.temporal_alpha < 1 else 1
 
 
-def _seen(sensor: Sensor, scene: Scene) -> _Seen:
+def _seen(sensor: Sensor, scene: Scene, *, truth_m: Image | None = None) -> _Seen:
+    """Simulate, and measure against a truth, its own where none is given."""
     *_, shot = sequence(scene, sensor, frames=_frames(sensor))
-    truth = disparity_from_depth(
-        shot.layers.truth.depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
-    )
+    if truth_m is None:
+        truth_m = shot.layers.truth.depth_m
+    truth = disparity_from_depth(truth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m)
     # As it is written: in steps of the depth unit.
     unit = sensor.post.depth_unit_m
     found = disparity_from_depth(
@@ -175,6 +184,7 @@ def _seen(sensor: Sensor, scene: Scene) -> _Seen:
     scored = metrics.disparity_figures(found, truth, metrics.scored_pixels(truth))
     return _Seen(
         shot=shot,
+        truth_m=truth_m,
         error_px=found - truth,
         figures={
             "mean level [share of full scale]": float(shot.ir_left.mean()) / sensor.left.ceiling_dn,

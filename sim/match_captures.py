@@ -14,6 +14,7 @@ from patterns import errors
 from sim import capture, capture_writer, depth, metrics, progress
 from sim.capture import CapturedScene
 from sim.output import OutputFolder, refuse_own_input
+from sim.parts.post import refuse_single_frame
 from sim.sensor import Sensor
 
 _Map = NDArray[np.float32]  # (h, w), NaN = none.
@@ -48,6 +49,7 @@ def match_captures(
         InputError: captures that cannot be read or have no infrared pair, or a folder that
             cannot be written or is the captures' own.
     """
+    refuse_single_frame(sensor.post, 1)  # Of each scene only the first frame is matched.
     opened = capture.open_set(captures)
     scenes = opened.scenes
     figures: dict[str, Any] = {}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,7 @@ from sim.layers import Image
 from sim.sensor import Colour, Sensor
 
 _EMPTY = np.float32(np.inf)
+_THREADS = 2
 
 
 def register(depth_m: Image, sensor: Sensor) -> Image:
@@ -35,15 +38,20 @@ def register(depth_m: Image, sensor: Sensor) -> Image:
     """
     colour = refuse_without(sensor)
     colour_from_left = np.linalg.inv(frames.pose(colour.position_m, colour.rotation_deg))
-    out = np.full((colour.height, colour.width), _EMPTY, np.float32)
-    _splat(
-        depth_m,
-        np.array([sensor.fx_px, sensor.fy_px, sensor.cx_px, sensor.cy_px]),
-        np.array([colour.fx_px, colour.fy_px, colour.cx_px, colour.cy_px]),
-        colour_from_left,
-        out,
-    )
-    return np.where(np.isinf(out), np.float32(np.nan), out)
+    near = np.array([sensor.fx_px, sensor.fy_px, sensor.cx_px, sensor.cy_px])
+    far = np.array([colour.fx_px, colour.fy_px, colour.cx_px, colour.cy_px])
+
+    def seen(rows: NDArray[np.intp]) -> Image:
+        out = np.full((colour.height, colour.width), _EMPTY, np.float32)
+        _splat(depth_m, rows[0], rows[-1] + 1, near, far, colour_from_left, out)
+        return out
+
+    # The nearest of all is the nearest of the parts' nearest, in whatever order they are seen.
+    parts = np.array_split(np.arange(len(depth_m)), _THREADS)
+    with ThreadPoolExecutor(_THREADS) as pool:
+        nearest = np.minimum(*pool.map(seen, parts))
+    np.putmask(nearest, np.isinf(nearest), np.nan)
+    return nearest
 
 
 def refuse_without(sensor: Sensor) -> Colour:
@@ -62,33 +70,36 @@ def refuse_without(sensor: Sensor) -> Colour:
     return sensor.colour
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(nogil=True, cache=True, error_model="numpy")
 def _splat(
-    depth: NDArray, near: NDArray, far: NDArray, pose: NDArray, out: NDArray
+    depth: NDArray, begin: int, end: int, near: NDArray, far: NDArray, pose: NDArray, out: NDArray
 ) -> None:  # pragma: no cover - compiled
-    """Fill `out` with the least depth of all pixels whose rectangle covers it."""
-    height, width = depth.shape
+    """Fill `out` with the least depth of all pixels of rows whose rectangle covers it."""
     rows, columns = out.shape
-    corner = np.zeros((2, 3))
-    for y in range(height):
-        for x in range(width):
+    edge = (np.arange(depth.shape[1] + 1) - 0.5 - near[2]) / near[0]
+    for y in range(begin, end):
+        above, below = (y - 0.5 - near[3]) / near[1], (y + 0.5 - near[3]) / near[1]
+        for x in range(depth.shape[1]):
             z = depth[y, x]
             if not z > 0:
                 continue
-            for end in range(2):
-                u = (x - 0.5 + end - near[2]) / near[0] * z
-                v = (y - 0.5 + end - near[3]) / near[1] * z
-                for axis in range(3):
-                    corner[end, axis] = (
-                        pose[axis, 0] * u + pose[axis, 1] * v + pose[axis, 2] * z + pose[axis, 3]
-                    )
-            if corner[0, 2] <= 0 or corner[1, 2] <= 0:
+            left, top, first = _seen(edge[x] * z, above * z, z, far, pose)
+            right, bottom, last = _seen(edge[x + 1] * z, below * z, z, far, pose)
+            if first <= 0 or last <= 0:
                 continue
-            first = int(np.floor(corner[0, 0] / corner[0, 2] * far[0] + far[2] + 0.5))
-            top = int(np.floor(corner[0, 1] / corner[0, 2] * far[1] + far[3] + 0.5))
-            last = int(np.floor(corner[1, 0] / corner[1, 2] * far[0] + far[2] + 0.5))
-            bottom = int(np.floor(corner[1, 1] / corner[1, 2] * far[1] + far[3] + 0.5))
-            middle = np.float32(0.5 * (corner[0, 2] + corner[1, 2]))
+            middle = np.float32(0.5 * (first + last))
             for row in range(max(0, top), min(rows, bottom + 1)):
-                for column in range(max(0, first), min(columns, last + 1)):
-                    out[row, column] = min(out[row, column], middle)
+                for column in range(max(0, left), min(columns, right + 1)):
+                    if middle < out[row, column]:
+                        out[row, column] = middle
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _seen(
+    x: float, y: float, z: float, far: NDArray, pose: NDArray
+) -> tuple[int, int, float]:  # pragma: no cover - compiled
+    """Return the pixel of the far camera that a point of the near one falls in, and its z there."""
+    ahead = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
+    u = (pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]) / ahead * far[0] + far[2]
+    v = (pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]) / ahead * far[1] + far[3]
+    return int(np.floor(u + 0.5)), int(np.floor(v + 0.5)), ahead

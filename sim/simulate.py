@@ -83,8 +83,11 @@ def sequence(
     """Simulate readings of a scene that keeps still; it is rendered once.
 
     Args:
-        scene, sensor, seed, samples: as `simulate`.
+        scene: as in `simulate`.
+        sensor: likewise.
         frames: how many readings.
+        seed: as in `simulate`.
+        samples: likewise.
 
     Raises:
         InputError: as `simulate`, or a filter over time where there is one frame alone; nothing

@@ -56,6 +56,7 @@ class _Reading(NamedTuple):
     number: int
     shot: Shot
     rgb: NDArray[np.uint8] | None  # The colour camera's picture; the scene keeps still.
+    samples: int  # Paths a coarse pixel of indirect light; 0 without any.
 
 
 def simulate_captures(
@@ -95,8 +96,10 @@ def simulate_captures(
     Raises:
         InputError: whatever is wrong with the scene, the sensor or the folder; nothing is left.
     """
+    from sim.simulate import refuse_impossible
+
     errors.in_interval("frames", frames, 1, 100_000, "Take at least one.")
-    errors.in_interval("samples", samples, 0, 4096, "0 leaves indirect light out.")
+    errors.in_interval("samples", samples, 0, 4096, "16 are enough for most scenes.")
     errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
     started = time.perf_counter()
     plan = _Plan(
@@ -106,6 +109,8 @@ def simulate_captures(
         samples=samples,
         effects=effects or {},
     )
+    _refuse_samples_of_nothing(plan)
+    refuse_impossible(plan.sensor, frames)
     tasks, licence, notes = _tasks(scene)
     _refuse_own_input(out, scene)
     info = capture_writer.info_of(
@@ -146,6 +151,19 @@ def scene_seed(seed: int, name: str) -> int:
     return int(words.generate_state(1, np.uint64)[0] >> np.uint64(11))
 
 
+def _refuse_samples_of_nothing(plan: _Plan) -> None:
+    """Refuse paths of indirect light where an effect switches it off."""
+    for asked, value in plan.effects.items():
+        effect, _ = setting.parameter_of(asked)
+        if plan.samples and effect.name == "interreflection" and value == 0:
+            raise errors.refuse(
+                "samples",
+                f"must be 0 where effect {asked} is 0",
+                plan.samples,
+                "Drop one of them.",
+            )
+
+
 def _refuse_own_input(out: Path, scene: str) -> None:
     if capture.is_capture(scene):
         refuse_own_input(out, capture.open_set(scene).path)
@@ -174,7 +192,7 @@ def _write_scenes(
     rates: dict[str, list[float]] = defaultdict(list)
     levels: dict[str, list[float]] = defaultdict(list)
     figures: dict[str, Any] = {}
-    for task, number, shot, rgb in shots:
+    for task, number, shot, rgb, samples in shots:
         if number == 0:
             capture_writer.write_scene(
                 folder,
@@ -186,7 +204,7 @@ def _write_scenes(
         facts = {
             "seed": scene_seed(plan.seed, task.name),
             "frame": number,
-            "samples": plan.samples,
+            "samples": samples,
         }
         _write_shot(folder, task.name, number, shot, plan.sensor, rgb, facts)
         rates[task.name].append(1 - shot.depth.valid.mean())
@@ -205,19 +223,20 @@ def _shots(tasks: list[_Task], plan: _Plan, tell: progress.Progress) -> Iterator
     from sim.simulate import sequence
 
     shots: Iterator[Shot] = iter(())
-    rgb = None
+    rgb, samples = None, 0
     for task, number in tell(list(product(tasks, range(plan.frames))), "simulate"):
         if number == 0:
             scene = _scene(task.text, plan)
             rgb = _rgb(scene, plan.sensor)
+            samples = (plan.samples or _SAMPLES) if scene.interreflection else 0
             shots = sequence(
                 scene,
                 plan.sensor,
                 frames=plan.frames,
                 seed=scene_seed(plan.seed, task.name),
-                samples=plan.samples or _SAMPLES,
+                samples=samples or _SAMPLES,
             )
-        yield _Reading(task, number, next(shots), rgb)
+        yield _Reading(task, number, next(shots), rgb, samples)
 
 
 def _scene(text: str, plan: _Plan) -> Scene:

@@ -202,9 +202,9 @@ _REGISTRATION = Effect(
     ),
     imitates="Depth given in the colour camera's image; needs a colour camera.",
     law="every depth pixel is moved to where the colour camera sees its point; the nearer one wins",
-    shows="In the colour image: holes on the left of near things where the colour camera stands left "
-    "of the left imager, gaps where the colour image is finer, doubled edges where far depth shows "
-    "through. Depth in the left imager's frame is untouched.",
+    shows="In the colour image: holes on the left of near things where the colour camera stands to "
+    "the left of the left imager, gaps where the colour image is finer, doubled edges where far "
+    "depth shows through. Depth in the left imager's frame is untouched.",
     confused_with=("decimation",),
     source="librealsense align block; depth to colour offsets: realsense-ros _d4xx.urdf.xacro",
 )

@@ -28,7 +28,8 @@ class Colour:
             errors.positive(f"colour.{name}", getattr(self, name))
         errors.in_interval("colour.cx_px", self.cx_px, -self.width, 2 * self.width)
         errors.in_interval("colour.cy_px", self.cy_px, -self.height, 2 * self.height)
-        for name in ("position_m", "rotation_deg"):
-            for axis, value in zip("xyz", getattr(self, name), strict=True):
-                errors.in_interval(f"colour.{name}.{axis}", value, -360.0, 360.0)
+        for axis, value in zip("xyz", self.position_m, strict=True):
+            errors.in_interval(f"colour.position_m.{axis}", value, -4.0, 4.0, "Give metres.")
+        for axis, value in zip("xyz", self.rotation_deg, strict=True):
+            errors.in_interval(f"colour.rotation_deg.{axis}", value, -360.0, 360.0)
         errors.in_interval("colour.level", self.level, 0.01, 0.95)

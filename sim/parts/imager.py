@@ -38,9 +38,9 @@ class Imager:
     bit_depth: int = 16  # Bits of the converter.
 
     def __post_init__(self) -> None:
-        for name in ("exposure_s", "gain", "auto_exposure_max_s", "pixel_pitch_m"):
+        for name, high in _ABOVE_ZERO.items():
             errors.positive(f"imager.{name}", getattr(self, name))
-        errors.positive("imager.full_well_e", self.full_well_e)
+            errors.in_interval(f"imager.{name}", getattr(self, name), 0.0, high)
         errors.in_interval("imager.quantum_efficiency", self.quantum_efficiency, 1e-6, 1.0)
         errors.in_interval("imager.auto_exposure_level", self.auto_exposure_level, 0.0, 0.9)
         for name, high in _FROM_ZERO.items():
@@ -72,6 +72,13 @@ class Imager:
         return self.gain * self.ceiling_dn / self.full_well_e
 
 
+_ABOVE_ZERO = {  # Highest admitted values of what is never 0: beyond is another unit.
+    "exposure_s": 10.0,
+    "auto_exposure_max_s": 10.0,
+    "gain": 1e3,
+    "pixel_pitch_m": 1e-3,
+    "full_well_e": 1e7,
+}
 _FROM_ZERO = {  # Highest admitted values of what is neutral at 0.
     "rolling_shutter_s": 1.0,
     "crosstalk": 0.5,

@@ -31,6 +31,7 @@ class Post:
 
     def __post_init__(self) -> None:
         errors.positive("post.depth_unit_m", self.depth_unit_m)
+        errors.in_interval("post.depth_unit_m", self.depth_unit_m, 0.0, 0.1, "Give metres.")
         errors.in_interval("post.near_m", self.near_m, 0.0, 1e3)
         errors.in_interval("post.far_m", self.far_m, 0.0, 1e3)
         if self.far_m <= self.near_m:

@@ -31,13 +31,14 @@ class Projector:
     flicker: float = 0.0  # Deviation of the power from frame to frame, of its mean.
 
     def __post_init__(self) -> None:
-        errors.in_interval("projector.power_w", self.power_w, 0.0, 1e3)
+        errors.in_interval("projector.power_w", self.power_w, 0.0, 10.0, "Give watts.")
         errors.in_interval(
             "projector.wavelength_nm", self.wavelength_nm, 300.0, 1100.0, "Give nanometres."
         )
-        for name in ("position_m", "rotation_deg"):
-            for axis, value in zip("xyz", getattr(self, name), strict=True):
-                errors.in_interval(f"projector.{name}.{axis}", value, -360.0, 360.0)
+        for axis, value in zip("xyz", self.position_m, strict=True):
+            errors.in_interval(f"projector.position_m.{axis}", value, -4.0, 4.0, "Give metres.")
+        for axis, value in zip("xyz", self.rotation_deg, strict=True):
+            errors.in_interval(f"projector.rotation_deg.{axis}", value, -360.0, 360.0)
         errors.in_interval("projector.fov_x_deg", self.fov_x_deg, 1.0, 150.0)
         errors.in_interval("projector.fov_y_deg", self.fov_y_deg, 1.0, 150.0)
         errors.in_interval("projector.dropped_dots", self.dropped_dots, 0.0, 0.99)

@@ -20,5 +20,6 @@ def test_bench_prints_its_keys():
         "variant",
         "size",
     } <= figures.keys()
+    assert {"preset's own", "all on"} <= figures["effects_ms"].keys()
     assert figures["peak_gib"] <= 2.0
     assert figures["ratio"] == pytest.approx(figures["pipeline_s"] / figures["floor_s"])

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import errno
 import json
-import os
-import signal
 import subprocess
 import sys
 import time
 import types
-import warnings
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +20,12 @@ import starling
 from sim import backend, depth, progress, sensors, simulate, simulate_captures
 from sim.depth import DepthMap
 from sim.layers import Layers, Truth, View
+from sim.scenes import builtin
 
 ROOT = Path(__file__).parents[2]
-VERBS = ("doctor", "sensors", "simulate", "match", "compare", "show", "bench")
+VERBS = (
+    *("doctor", "sensors", "effects", "simulate", "match", "compare", "show", "atlas", "bench"),
+)
 Capsys = pytest.CaptureFixture[str]
 
 
@@ -80,7 +79,7 @@ def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     def measured(left: np.ndarray, right: np.ndarray, sensor: Any, *, causes: Any) -> DepthMap:
         return _shot(left.shape).depth
 
-    monkeypatch.setattr(scenes, "load", lambda text, sensor: text)
+    monkeypatch.setattr(scenes, "load", lambda *_: builtin.wall())
     monkeypatch.setattr(colour, "picture", lambda *_: np.zeros((2, 3, 3), np.uint8))
     monkeypatch.setattr(simulate, "simulate", simulated)
     monkeypatch.setattr(
@@ -188,6 +187,17 @@ def test_simulate_a_builtin_scene(capsys: Capsys, tmp_path: Path) -> None:
     small = ("--set", "width=64", "--set", "height=48", "--set", "cx_px=31.5", "--set", "cy_px=24")
     assert _run("simulate", "wall", "--sensor", "d435", "--out", out, *small, capsys=capsys)[0] == 0
     assert (out / "wall" / "0" / "frame.exr").is_file()
+    bounced = ("--effect", "interreflection=0.5")
+    for indirect, samples in (
+        ((), 0),
+        (bounced, 16),
+        (("--samples", 4), 4),
+        ((*bounced, "--samples", 8), 8),
+    ):
+        asked = ("simulate", "wall", "--sensor", "d435", "--out", out, *small, *indirect, "--force")
+        assert _run(*asked, capsys=capsys)[0] == 0
+        frame = json.loads((out / "wall" / "0" / "frame.json").read_text())
+        assert frame["samples"] == samples
     assert "frames must be in" in _refused(
         "simulate", "wall", "--sensor", "d435", "--out", out, "--frames", "0", capsys=capsys
     )
@@ -212,7 +222,9 @@ def test_two_scenes_of_one_set_have_noise_of_their_own(
     record = json.loads((whole / "starling.json").read_text())
     own = json.loads((whole / "b" / "0" / "frame.json").read_text())["seed"]
     assert record["arguments"]["seed"] == 7 and 0 <= own < 2**53
-    again = simulate.simulate(None, sensors.load(str(whole / "sensor.toml")), seed=own, frame=0)
+    again = simulate.simulate(
+        builtin.wall(), sensors.load(str(whole / "sensor.toml")), seed=own, frame=0
+    )
     assert np.array_equal(again.ir_left[:48, :64].ravel(), noise(whole, "b", 0))
 
 
@@ -349,53 +361,3 @@ def test_other_errors_are_one_line_too(capsys: Capsys, monkeypatch: pytest.Monke
     assert _run("doctor", capsys=capsys)[0] == 130
     monkeypatch.setattr(backend, "report", raising(SystemExit("stop")))
     assert _run("doctor", capsys=capsys)[0] == 1
-
-
-def test_warnings_are_one_line(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
-    def report() -> dict[str, int]:
-        warnings.warn("slow", backend.ScalarFallbackWarning, stacklevel=1)
-        return {"a": 1}
-
-    monkeypatch.setattr(backend, "report", report)
-    with warnings.catch_warnings():
-        warnings.simplefilter("always")
-        code, out, err = _run("doctor", "--json", capsys=capsys)
-    assert (code, json.loads(out), err) == (0, {"a": 1}, "starling: warning: slow\n")
-
-
-def test_reader_that_goes_away_is_no_error() -> None:
-    run = subprocess.run(
-        [sys.executable, "-c", f"import sys, starling; sys.stdout = open({os.devnull!r}, 'w');"
-         "starling._say = lambda *_: (_ for _ in ()).throw(BrokenPipeError());"
-         "sys.exit(starling.main(['sensors', 'show', 'd435']))"],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert (run.returncode, run.stderr) == (0, "")
-
-
-def test_termination_leaves_nothing(tmp_path: Path) -> None:
-    """A process that is told to end while it writes cleans up like one that fails."""
-    code = (
-        "import sys, time, starling; from sim import backend; from sim.output import OutputFolder\n"
-        "def report():\n"
-        f"    with OutputFolder({str(tmp_path / 'out')!r}) as folder:\n"
-        "        folder.write('a', 'x'); print('ready', flush=True); time.sleep(60)\n"
-        "backend.report = report\n"
-        "sys.exit(starling.main(['doctor']))"
-    )
-    with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE) as run:
-        assert run.stdout is not None
-        run.stdout.readline()
-        assert list(tmp_path.iterdir())
-        run.send_signal(signal.SIGTERM)
-        assert run.wait(10) == 143
-    assert not list(tmp_path.iterdir())
-
-
-def test_runs_in_a_thread_and_leaves_signals_alone(capsys: Capsys) -> None:
-    before = signal.getsignal(signal.SIGTERM)
-    with ThreadPoolExecutor() as pool:
-        assert pool.submit(starling.main, ["sensors", "show", "d435"]).result() == 0
-    assert starling.main(["sensors", "show", "d435"]) == 0
-    assert signal.getsignal(signal.SIGTERM) is before
-    assert capsys.readouterr().out.count('name = "d435"') == 2

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from patterns import InputError
-from sim.depth import depth_from_disparity, disparity_from_depth, from_code, to_code
+from sim import sensors
+from sim.depth import depth_from_disparity, disparity_from_depth, from_code, measure, to_code
 from sim.reason import LABELS, Reason, first_cause
 
 
@@ -59,3 +60,9 @@ def test_first_cause_wins_and_valid_stays_valid():
 
 def test_every_reason_has_a_label():
     assert set(LABELS) == set(Reason)
+
+
+def test_a_stereo_sensor_needs_both_images():
+    image = np.zeros((32, 64), np.uint8)
+    with pytest.raises(InputError, match="ir_right must be given; got None"):
+        measure(image, None, sensors.load("d435"), causes={})

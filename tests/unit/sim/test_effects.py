@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from patterns.errors import InputError
-from sim import effects, sensors
+from sim import effects, matcher, sensors
 from sim.effects import Effect, Parameter, Stage, listing, setting
 from sim.scenes import builtin
 from sim.sensor import Colour, Sensor
@@ -60,7 +60,7 @@ def test_every_row_says_what_it_is(row: Effect) -> None:
 def test_every_value_of_the_range_is_admitted(row: Effect, parameter: Parameter) -> None:
     sensor, scene = _sensor(), builtin.wall()
     if parameter.choices:
-        values = list(parameter.choices)
+        values: list[Any] = list(parameter.choices)
         if parameter.low is not None:
             assert (parameter.low, parameter.high) == (min(values), max(values))
     else:
@@ -72,6 +72,17 @@ def test_every_value_of_the_range_is_admitted(row: Effect, parameter: Parameter)
     for value in values:
         moved = setting.apply(sensor, scene, {f"{row.name}.{parameter.name}": value})
         assert setting.value(parameter, *moved) == value
+
+
+@pytest.mark.parametrize(("row", "parameter"), NUMBERS, ids=_name)
+def test_a_unit_that_is_off_by_a_thousand_is_refused(row: Effect, parameter: Parameter) -> None:
+    """Metres given in mm, watts in mW; a focus may lie at some km, which is as good as infinity."""
+    if parameter.choices or parameter.high is None or parameter.name == "focus_m":
+        return
+    with pytest.raises(InputError, match=rf"^effect {row.name}\.{parameter.name}: .*must "):
+        setting.apply(
+            _sensor(), builtin.wall(), {f"{row.name}.{parameter.name}": 1000 * parameter.high}
+        )
 
 
 @pytest.mark.parametrize(("row", "parameter"), NUMBERS, ids=_name)
@@ -113,6 +124,11 @@ def test_settings_reach_both_imagers_one_component_and_the_scene() -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
+        ({"lens_blur.": 1.0}, "parameter of lens_blur must be a known name; got ''"),
+        ({"lens_blur": float("nan")}, "lens_blur.* must be a number; got nan. Its unit is px"),
+        ({"speckle_filter": float("inf")}, "speckle_filter.* must be a number; got inf"),
+        ({"registration": 0.5}, "registration.* must be one of 0, 1; got 0.5"),
+        ({"prnu": 5.0, "lens_blur": 0.5}, r"^effect prnu: imager.prnu must be in \[0, 0.5\]"),
         ({"lens_blurr": 1.0}, "effect must be a known name; got 'lens_blurr'. Known: lens_blur, "),
         ({"lens_blur.siz": 1.0}, "parameter of lens_blur must be a known name"),
         ({"lens_blur": 400.0}, r"effect lens_blur: lens.blur_px must be in \[0, 20\]; got 400"),
@@ -130,6 +146,19 @@ def test_settings_reach_both_imagers_one_component_and_the_scene() -> None:
 def test_wrong_settings_are_refused(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         setting.apply(_sensor(), builtin.wall(), settings)
+
+
+def test_another_matcher_lacks_the_field() -> None:
+    quick = dataclasses.replace(_sensor(), matcher=matcher.named("fast"))
+    message = (
+        r"effect presmooth needs a sensor with matcher.engine.presmooth_px; got d435 with "
+        r"SemiGlobalBlock. Set matcher.setting to d4xx"
+    )
+    with pytest.raises(InputError, match=message):
+        setting.apply(quick, builtin.wall(), {"presmooth": 1.0})
+    (row,) = listing.rows(quick, "presmooth")
+    assert row["parameters"][0]["neutral"] is None
+    assert "neutral -, sets" in listing.page([row])
 
 
 @pytest.mark.parametrize("text", ["lens_blur", "=3", "lens_blur="])

@@ -1,0 +1,99 @@
+"""The atlas in the documentation is that of the table, and its text says what the table says."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from patterns import InputError
+from sim import atlas, atlas_page, effects, matcher, sensors
+from sim.effects import Effect, Parameter, Stage, setting
+from sim.scenes import builtin
+
+FOLDER = Path(__file__).parents[3] / "docs" / "effects"
+RENEW = "run: starling atlas --out docs/effects --force"
+ROWS = effects.table()
+ROW = Effect(
+    name="soft_focus",
+    family="focus",
+    stage=Stage.OPTICS,
+    parameters=(
+        Parameter(name="sigma", paths=("left.a", "b"), unit="px", neutral=0.0, low=0.5, high=2.0),
+        Parameter(name="mode", paths=("c",), unit="1", neutral=None, choices=("in", "out")),
+    ),
+    imitates="A lens.",
+    law="s = 2",
+    shows="Blur.",
+    confused_with=("lens_blur", "gamma"),
+    source="Hecht",
+)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
+def test_every_row_has_its_picture_and_the_page_that_the_table_gives(row: Effect) -> None:
+    """The figures below the text are those of the drawing; whether they are old it cannot see."""
+    page = FOLDER / f"{row.name}.md"
+    assert page.is_file() and page.read_text().startswith(atlas_page.text(row)), RENEW
+    picture = FOLDER / f"{row.name}.jpg"
+    assert picture.is_file() and picture.read_bytes().startswith(b"\xff\xd8\xff"), RENEW
+
+
+def test_the_index_lists_all_and_nothing_else_is_there() -> None:
+    assert (FOLDER / "index.md").read_text() == atlas_page.index(ROWS), RENEW
+    pages = {path.stem for path in FOLDER.glob("*.md")} - {"index"}
+    pictures = {path.stem for path in FOLDER.glob("*.jpg")}
+    assert pages == pictures == {row.name for row in ROWS}, RENEW
+
+
+def test_text_says_all_that_the_table_says() -> None:
+    text = atlas_page.text(ROW)
+    assert text.startswith("# Soft focus\n\nA lens.\n\n![") and text.endswith("|\n")
+    assert "(soft_focus.jpg)" in text
+    assert "[lens blur](lens_blur.md), [gamma](gamma.md)." in text
+    assert "**Law.** s = 2" in text and "**Source.** Hecht" in text
+    assert "**Needs a new render:** no; the layers stay." in text
+    assert "| sigma | `left.a`, `b` | 0 | 0.5 to 2 | px |" in text
+    assert "| mode | `c` | as the sensor | in, out | 1 |" in text
+
+
+def test_page_is_the_text_and_the_figures() -> None:
+    figures = {"without": {"no depth [%]": 1.0}, "with": {"no depth [%]": 12.345}}
+    page = atlas_page.page(ROW, 2.0, figures)
+    assert page.startswith(atlas_page.text(ROW))
+    assert "Measured on the picture, sigma = 2:" in page
+    assert page.endswith("| no depth [%] | 1 | 12.3 |\n")
+
+
+def test_index_goes_by_stage_and_leaves_empty_ones_out() -> None:
+    index = atlas_page.index([ROW])
+    assert "## Optics" in index and "## Imager" not in index
+    assert "| [soft focus](soft_focus.md) | focus | A lens. |" in index
+
+
+def test_every_row_is_drawn_away_from_where_it_stands() -> None:
+    given = (sensors.load("d435"), builtin.tabletop())
+    ideal = setting.ideal(*given)
+    for row in ROWS:
+        drawing = atlas._drawing(row, ideal, given)
+        stands = setting.value(row.parameters[0], *drawing.without)
+        assert drawing.affected and stands not in drawing.affected, row.name
+
+
+def test_a_sensor_that_lacks_what_a_row_moves_is_refused() -> None:
+    given = (sensors.load("d435"), builtin.tabletop())
+    quick = (dataclasses.replace(given[0], matcher=matcher.named("fast")), given[1])
+    row = effects.named("small_penalty")  # Another engine's, in whole numbers; then one that lacks.
+    assert list(atlas._drawing(row, quick, quick).affected) == [row.parameters[0].low]
+    for name in ("census_window", "presmooth"):
+        with pytest.raises(InputError, match=r"needs a sensor with matcher\.engine"):
+            atlas._drawing(effects.named(name), quick, quick)
+
+
+def test_the_infrared_is_cut_in_its_own_proportions() -> None:
+    image = np.arange(100 * 200, dtype=np.uint16).reshape(100, 200)
+    cut = atlas._cropped(image)
+    assert cut.shape == (36, 72)
+    assert cut[0, 0] == image[40, 84]

@@ -1,0 +1,74 @@
+"""What a colour camera adds to a capture set: its picture, registered depth, its geometry."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from patterns import InputError
+from sim import capture_info, capture_writer, frames, png, sensors
+from sim.depth import DepthMap
+from sim.output import OutputFolder
+from sim.sensor import Colour
+
+CAMERA = Colour(width=64, height=48, fx_px=60, fy_px=61, cx_px=32, cy_px=24)
+
+
+def _depth() -> DepthMap:
+    plane = np.ones((4, 6), np.float32)
+    return DepthMap(
+        disparity_px=plane,
+        depth_m=plane,
+        valid=plane > 0,
+        reason=np.zeros((4, 6), np.uint32),
+    )
+
+
+def test_colour_and_registered_depth_are_files_of_their_own(tmp_path: Path) -> None:
+    colour = np.random.default_rng(0).integers(0, 256, (5, 7, 3)).astype(np.uint8)
+    registered = np.full((5, 7), np.nan, np.float32)
+    registered[2, 3] = 1.25
+    image = np.zeros((4, 6), np.uint8)
+    with OutputFolder(tmp_path / "out") as folder:
+        capture_writer.write_frame(
+            folder, "a", 0, depth=_depth(), depth_unit_m=1e-3, infrared=(image, None),
+            registered_m=registered, colour=colour,
+        )  # fmt: skip
+    frame = tmp_path / "out" / "a" / "0"
+    assert {path.name for path in frame.iterdir()} == {
+        *("ir_left.png", "depth.png", "depth_colour.png", "rgb.png", "frame.json"),
+    }
+    found = cv2.imread(str(frame / "rgb.png"), cv2.IMREAD_UNCHANGED)
+    assert found is not None and np.array_equal(found[..., ::-1], colour)
+    codes = png.read(frame / "depth_colour.png", "depth_colour")
+    assert codes[2, 3] == 1250 and np.count_nonzero(codes) == 1
+
+
+def test_info_says_where_the_colour_camera_is() -> None:
+    posed = dataclasses.replace(CAMERA, position_m=(-0.015, 0.01, 0.002), rotation_deg=(0, 2, 0))
+    sensor = dataclasses.replace(sensors.load("d435"), colour=posed)
+    info = capture_writer.info_of(sensor, source="s", licence="l", notes="")
+    assert info.colour is not None and info.colour.fy_px == 61
+    left_from_colour = frames.pose(posed.position_m, posed.rotation_deg)
+    back = np.array(info.colour_from_left) @ left_from_colour
+    np.testing.assert_allclose(back, np.eye(4), atol=1e-12)
+    assert "[colour]" in capture_info.dumps(info)
+
+
+def test_info_of_a_sensor_without_one_says_nothing() -> None:
+    sensor = dataclasses.replace(sensors.load("d435"), colour=None)
+    info = capture_writer.info_of(sensor, source="s", licence="l", notes="")
+    assert info.colour is None and "colour" not in capture_info.dumps(info)
+
+
+@pytest.mark.parametrize(
+    "image",
+    [np.zeros((4, 6), np.uint8), np.zeros((4, 6, 3), np.uint16), np.zeros((0, 6, 3), np.uint8)],
+)
+def test_only_colour_of_8_bits_is_written(image: np.ndarray) -> None:
+    with pytest.raises(InputError, match=r"colour image must be \(h, w, 3\) of 8 bits; got \("):
+        png.encode_colour(image)
