@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cv2
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects
@@ -50,21 +51,46 @@ def spread(
         out = light.copy() if out is light else out
         inside = body[window] == number
         sigma_px = np.float32(sensor.fx_px * finish.subsurface_m) / depth_m[window]
-        blurred = _spread(light[window], inside, sigma_px, sensor.fy_px / sensor.fx_px)
-        out[window][inside] = blurred[inside]
+        _spread(out[window], light[window], inside, sigma_px, sensor.fy_px / sensor.fx_px)
     return out
 
 
-def _spread(light: Image, inside: NDArray[np.bool_], sigma_px: Image, aspect: float) -> Image:
-    """Mix Gaussians of fixed widths so that each pixel's variance is that of its sigma."""
-    widths = _widths(float(sigma_px[inside].min()), float(sigma_px[inside].max()))
+def _spread(
+    out: Image, light: Image, inside: NDArray[np.bool_], sigma_px: Image, aspect: float
+) -> None:
+    """Fill `out` inside with Gaussians of fixed widths, mixed to the variance of each sigma."""
+    widths = _widths(
+        float(sigma_px.min(where=inside, initial=np.inf)),
+        float(sigma_px.max(where=inside, initial=0)),
+    )
     weight = inside.astype(np.float32)
-    layers = [_normalised(light * weight, weight, width, aspect) for width in widths]
-    out = layers[0]
-    for low, high, narrow, wide in zip(widths, widths[1:], layers, layers[1:], strict=False):
-        share = (sigma_px**2 - np.float32(low**2)) / np.float32(high**2 - low**2)
-        out = np.where(sigma_px > low, narrow + np.clip(share, 0, 1) * (wide - narrow), out)
-    return out
+    own = light * weight
+    totals, shares = np.empty((2, len(widths), *light.shape), np.float32)
+    for total, share, width in zip(totals, shares, widths, strict=True):
+        total[:], share[:] = (_gaussian(image, width, aspect) for image in (own, weight))
+    _mix(out, inside, sigma_px, np.array(widths, np.float32), totals, shares)
+
+
+@nb.njit(nogil=True, cache=True)
+def _mix(out, inside, sigma_px, widths, totals, shares):  # pragma: no cover - compiled
+    """Normalise by the share of the body under each Gaussian, and mix the two nearest widths."""
+    last = len(widths) - 1
+    least = np.float32(1e-6)
+    for row in range(out.shape[0]):
+        for column in range(out.shape[1]):
+            if not inside[row, column]:
+                continue
+            sigma = sigma_px[row, column]
+            low = 0
+            while low < last - 1 and widths[low + 1] < sigma:
+                low += 1
+            narrow = totals[low, row, column] / max(shares[low, row, column], least)
+            if low < last and sigma > widths[low]:
+                wide = totals[low + 1, row, column] / max(shares[low + 1, row, column], least)
+                step = widths[low + 1] ** 2 - widths[low] ** 2
+                part = (sigma**2 - widths[low] ** 2) / step
+                narrow += min(max(part, np.float32(0)), np.float32(1)) * (wide - narrow)
+            out[row, column] = narrow
 
 
 def _widths(least: float, most: float) -> list[float]:
@@ -75,16 +101,10 @@ def _widths(least: float, most: float) -> list[float]:
     return [*widths, *(start * (most / start) ** (i / count) for i in range(1, count + 1))]
 
 
-def _normalised(light: Image, weight: Image, sigma_px: float, aspect: float) -> Image:
-    """Gaussian mean over the pixels of weight 1."""
-    if sigma_px == 0:
-        return light
-    total, share = (_gaussian(image, sigma_px, aspect) for image in (light, weight))
-    return np.asarray(total / np.maximum(share, np.float32(1e-6)), np.float32)
-
-
 def _gaussian(image: Image, sigma_px: float, aspect: float) -> Image:
     """Gaussian blur with nothing beyond the border; wide ones on a smaller image."""
+    if sigma_px == 0:
+        return image
     if sigma_px <= _COARSE_PX:
         return _blurred(image, sigma_px, aspect)
     shrink = int(2 * sigma_px / _COARSE_PX)
