@@ -16,8 +16,6 @@ if TYPE_CHECKING:  # Loads compilers.
     from sim.matching.disparity import DisparityMap
     from sim.post.temporal import History
 
-_MATCHED_BITS = 10
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DepthMap:
@@ -86,20 +84,15 @@ def _matched(ir_left: NDArray, ir_right: NDArray | None, sensor: Sensor) -> Disp
     if sensor.kind == "structured_light":
         from sim import reference
 
-        return reference.matched(_readable(ir_left, sensor), sensor)
+        return reference.matched(ir_left, sensor)
     if ir_right is None:
         raise errors.refuse(
             "ir_right", "must be given", "None", "Only structured light matches one image."
         )
-    from sim.matching import match
+    from sim.matching import match, readable
 
-    return match(_readable(ir_left, sensor), _readable(ir_right, sensor), sensor.matcher)
-
-
-def _readable(infrared: NDArray, sensor: Sensor) -> NDArray:
-    """Leave out the bits that an ideal converter has beyond those that matchers read."""
-    excess = sensor.left.bit_depth - _MATCHED_BITS
-    return infrared if infrared.dtype == np.uint8 or excess <= 0 else infrared >> excess
+    bits = sensor.left.bit_depth
+    return match(readable(ir_left, bits), readable(ir_right, bits), sensor.matcher)
 
 
 def measure(

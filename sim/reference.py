@@ -73,7 +73,7 @@ def matched(ir_left: Infrared, sensor: Sensor) -> DisparityMap:
     up to the image's left border, at 0.6 m as at 3 m, where a pair has none in the first columns.
 
     Args:
-        ir_left: (h, w) uint8, or uint16 of at most 10 bits.
+        ir_left: (h, w) uint8, or uint16 of as many bits as the sensor's left imager has.
         sensor: with `kind = "structured_light"`.
 
     Returns:
@@ -82,16 +82,14 @@ def matched(ir_left: Infrared, sensor: Sensor) -> DisparityMap:
     Raises:
         InputError: if the image cannot be matched.
     """
-    from sim.matching import TEN_BITS, match
+    from sim.matching import match, readable
     from sim.matching.disparity import DisparityMap
 
     beyond = sensor.matcher.min_disparity_px + sensor.matcher.search_px
     seen = cv2.copyMakeBorder(ir_left, 0, 0, beyond, 0, cv2.BORDER_REPLICATE)
-    stored = image(sensor, beyond_px=beyond)
-    excess_bits = sensor.left.bit_depth - TEN_BITS.bit_length()
-    if excess_bits > 0:
-        stored = stored >> excess_bits
-    found = match(np.asarray(seen), stored, sensor.matcher)
+    bits = sensor.left.bit_depth
+    stored = readable(image(sensor, beyond_px=beyond), bits)
+    found = match(readable(np.asarray(seen), bits), stored, sensor.matcher)
     return DisparityMap(
         disparity_px=np.ascontiguousarray(found.disparity_px[:, beyond:]),
         valid=np.ascontiguousarray(found.valid[:, beyond:]),

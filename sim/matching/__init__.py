@@ -61,6 +61,12 @@ def match(left: NDArray, right: NDArray, matcher: Matcher) -> DisparityMap:
     return DisparityMap(disparity_px=disparity, valid=valid, reason=first_cause(valid, causes))
 
 
+def readable(image: NDArray, bit_depth: int) -> NDArray:
+    """Leave out the bits that a converter has beyond the ten that `match` reads."""
+    excess = bit_depth - TEN_BITS.bit_length()
+    return image if image.dtype == np.uint8 or excess <= 0 else image >> excess
+
+
 def _admit(left: NDArray, right: NDArray) -> None:
     """Refuse pairs that cannot be matched."""
     if left.shape != right.shape:
