@@ -45,10 +45,14 @@ def layers(stage: Stage, sensor: Sensor, *, subpixels: int = 2, exposure_s: floa
     left, right = cameras(sensor, stage.scene.world_from_left)
     lights = Lights.of(stage, sensor)
     paths = motion.paths(stage, sensor, left, exposure_s)
+    truth = _truth(stage, left, right, lights.projector)
+    centres = (truth.depth_m, truth.material)  # The truth is the left imager's.
     rendered = Layers(
-        left=_view(stage, left, lights, subpixels, paths[0]),
-        right=_right(stage, sensor, right, lights, subpixels, paths[1]),
-        truth=_truth(stage, left, right, lights.projector),
+        left=_view(stage, left, lights, subpixels, paths[0], centres),
+        right=None
+        if sensor.kind == "structured_light"
+        else _view(stage, right, lights, subpixels, paths[1], _centres(stage, right)),
+        truth=truth,
     )
     return placement.enlarged(rendered, scene)
 
@@ -64,28 +68,21 @@ def view(stage: Stage, sensor: Sensor, *, subpixels: int = 2) -> View:
 
         return render_scalar.view(stage, sensor, subpixels=subpixels)
     left, _ = cameras(sensor, stage.scene.world_from_left)
-    return _view(stage, left, Lights.of(stage, sensor), subpixels, None)
+    return _view(stage, left, Lights.of(stage, sensor), subpixels, None, _centres(stage, left))
 
 
-def _right(
+def _view(
     stage: Stage,
-    sensor: Sensor,
     camera: Camera,
     lights: Lights,
     subpixels: int,
     path: motion.Path | None,
-) -> View | None:
-    if sensor.kind == "structured_light":
-        return None
-    return _view(stage, camera, lights, subpixels, path)
-
-
-def _view(
-    stage: Stage, camera: Camera, lights: Lights, subpixels: int, path: motion.Path | None
+    centres: tuple[Image, NDArray[np.uint32]],
 ) -> View:
     """Average n x n fixed positions a pixel; one kernel, launched n^2 times, more where it moves.
 
-    Depth and body are those of the pixel's centre, of the glass itself where there is glass.
+    Depth and body are those of the pixels' centres (see `_centres`), of the glass itself where
+    there is glass.
     """
     mi, dr = backend.mitsuba(), backend.drjit()
     count = camera.size[0] * camera.size[1]
@@ -102,7 +99,7 @@ def _view(
         dr.eval(*sums)
     shape, share = camera.size[::-1], np.float32(1 / len(moments))
     direct, ambient, *other = (total.numpy().reshape(shape) * share for total in sums)
-    depth, body = _centres(stage, camera)
+    depth, body = centres
     return View(
         projector_direct=direct,
         projector_indirect=np.zeros(shape, np.float32),
