@@ -68,8 +68,8 @@ class CaptureInfo:
 
     def geometry_into(self, sensor: Sensor) -> Sensor:
         """Give a sensor the image size, intrinsics and baseline of these captures."""
-        names = ("width", "height", "fx_px", "fy_px", "cx_px", "cy_px", "baseline_m")
-        changes: dict[str, Any] = {name: getattr(self, name) for name in names}
+        changes: dict[str, Any] = dataclasses.asdict(Pinhole.of(self))
+        changes["baseline_m"] = self.baseline_m
         if sensor.kind == "structured_light":  # Its projector stands at the baseline's end.
             place = (self.baseline_m, 0.0, 0.0)
             changes["projector"] = dataclasses.replace(sensor.projector, position_m=place)

@@ -11,6 +11,7 @@ from patterns import errors
 from sim import frames, placement, render
 from sim.layers import Image
 from sim.parts.projector import Projector
+from sim.pinhole import Pinhole
 from sim.scene import Body, Scene
 from sim.sensor import Colour, Sensor
 from sim.stage import Stage
@@ -62,10 +63,7 @@ def _as_imager(sensor: Sensor, colour: Colour) -> Sensor:
         kind="stereo",
         projector=Projector(power_w=0.0),
         colour=None,
-        **{
-            name: getattr(colour, name)
-            for name in ("width", "height", "fx_px", "fy_px", "cx_px", "cy_px")
-        },
+        **dataclasses.asdict(Pinhole.of(colour)),
     )
 
 
