@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from patterns import errors
-from sim import capture_info, depth, png
+from sim import capture_info, depth, png, scene_file
 from sim.capture_info import CaptureInfo
 from sim.png import GreyImage
+from sim.scene_file import SceneFile
 
 _NUMBER = re.compile(r"0|[1-9][0-9]{0,8}")
 
@@ -76,6 +77,17 @@ class CapturedScene:
             InputError: as `frame`.
         """
         return self._depth(self.path, "truth")
+
+    def known(self) -> SceneFile | None:
+        """Read which geometry it is, and from where it is seen; None where nobody says so.
+
+        `sim.scenes.known.load` makes a scene to simulate of it.
+
+        Raises:
+            InputError: as `sim.scene_file.read`.
+        """
+        path = self.path / scene_file.FILE
+        return scene_file.read(path) if os.path.lexists(path) else None
 
     def _image(self, folder: Path, name: str) -> GreyImage | None:
         path = folder / f"{name}.png"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import capture_info, exr, frames, png, record, sensors
+from sim import capture_info, exr, frames, png, record, scene_file, sensors
 from sim.capture_info import CaptureInfo
 from sim.depth import DepthMap, to_code
 from sim.layers import Layers
@@ -16,6 +16,7 @@ from sim.output import RECORD, OutputFolder
 from sim.pinhole import Pinhole
 from sim.png import GreyImage
 from sim.reason import Reason
+from sim.scene_file import SceneFile
 from sim.sensor import Sensor
 
 
@@ -96,9 +97,21 @@ def write_scene(
     room: str,
     truth_m: NDArray[np.float32] | None,
     depth_unit_m: float,
+    known: SceneFile | None = None,
 ) -> None:
-    """Write what belongs to a scene: its room and its reference depth (h, w) [m], NaN = none."""
+    """Write what belongs to a scene: its room, its reference depth and its known geometry.
+
+    Args:
+        folder: where to.
+        scene: the scene's folder.
+        room: scenes of one room share it.
+        truth_m: reference depth z (h, w) [m], NaN = none; goes to `truth.png` as 16-bit code.
+        depth_unit_m: step of the code [m].
+        known: goes to `scene.toml`.
+    """
     folder.write(f"{scene}/room", room + "\n")
+    if known is not None:
+        folder.write(f"{scene}/{scene_file.FILE}", scene_file.dumps(known))
     if truth_m is not None:
         folder.write(f"{scene}/truth.png", png.encode(to_code(truth_m, depth_unit_m)))
 

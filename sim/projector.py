@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -21,6 +22,13 @@ GENERATORS = {
     "kinect": patterns.tiled,
     "uniform": patterns.uniform,
 }
+# Which arguments of a generator go with `dot_density`, and with which power of it.
+_DENSITY = {
+    "d415": {"pitch_mrad": -0.5},
+    "d435": {"dots_per_deg2": 1.0},
+    "kinect": {"sites_x": 0.5, "sites_y": 0.5},
+    "uniform": {"dots_per_deg2": 1.0},
+}
 NEAREST_M = 0.1  # Nearer surfaces get no wider dots by defocus.
 _STEP = 1.5  # Variance of one level of `Defocus` over the one before.
 
@@ -34,17 +42,47 @@ def half_tangents(projector: Projector) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=8)
-def pattern(name: str, fov_x_deg: float, fov_y_deg: float, seed: int) -> patterns.Pattern:
+def pattern(
+    name: str, fov_x_deg: float, fov_y_deg: float, seed: int, density: float = 1.0
+) -> patterns.Pattern:
     """Make a pattern by a generator's name or load it from an image file.
 
+    Args:
+        name: of a generator, or an image file.
+        fov_x_deg: full horizontal field [deg].
+        fov_y_deg: full vertical field [deg].
+        seed: of the generator.
+        density: dots in a solid angle over the generator's own. Spots keep their width.
+
     Raises:
-        InputError: if the name is neither a generator's nor a readable image's.
+        InputError: if the name is neither a generator's nor a readable image's, or another
+            density is asked of an image.
     """
     if name in GENERATORS:
-        return GENERATORS[name](fov_x_deg=fov_x_deg, fov_y_deg=fov_y_deg, seed=seed)
+        make = GENERATORS[name]
+        return make(fov_x_deg=fov_x_deg, fov_y_deg=fov_y_deg, seed=seed, **_denser(name, density))
     if not Path(name).suffix:
         errors.one_of("projector.pattern", name, GENERATORS)
+    if density != 1:
+        raise errors.refuse(
+            "projector.dot_density",
+            "must be 1 for a pattern from an image file, which has the dots it has",
+            density,
+            f"Choose one of {', '.join(GENERATORS)}, or draw another image.",
+        )
     return patterns.load(name, fov_x_deg=fov_x_deg, fov_y_deg=fov_y_deg)
+
+
+def _denser(name: str, density: float) -> dict[str, float]:
+    """Arguments that give a generator's pattern another density than its own."""
+    if density == 1:
+        return {}
+    own = inspect.signature(GENERATORS[name]).parameters
+    scaled = {key: own[key].default * density**power for key, power in _DENSITY[name].items()}
+    return {
+        key: round(value) if isinstance(own[key].default, int) else value
+        for key, value in scaled.items()
+    }
 
 
 def irradiance_at_unit_distance(projector: Projector) -> NDArray[np.float32]:
@@ -97,7 +135,7 @@ def defocused(projector: Projector) -> Defocus:
         InputError: as `irradiance_at_unit_distance`.
     """
     source = _faulty(projector)
-    made = pattern(*source[:4])
+    made = pattern(*source[:5])
     # A drawn image has no narrower spots than its pixels hold.
     fwhm_mrad = made.fwhm_mrad or 1e3 * dots.NARROWEST_PX / max(made.field.focal_px(made.shape))
     variance = (dots.SIGMA_PER_FWHM * fwhm_mrad) ** 2 + projector.dot_blur_mrad**2
@@ -121,7 +159,7 @@ def _on_plane(projector: Projector, relative: NDArray[np.float32]) -> NDArray[np
     return relative * (scale * cosine**projector.falloff).astype(np.float32)
 
 
-_Source = tuple[str, float, float, int, float, float]
+_Source = tuple[str, float, float, int, float, float, float]
 
 
 def _faulty(projector: Projector) -> _Source:
@@ -131,6 +169,7 @@ def _faulty(projector: Projector) -> _Source:
         projector.fov_x_deg,
         projector.fov_y_deg,
         projector.pattern_seed,
+        projector.dot_density,
         projector.dropped_dots,
         projector.shifted_dots_mrad,
     )
@@ -139,9 +178,9 @@ def _faulty(projector: Projector) -> _Source:
 @lru_cache(maxsize=24)
 def _relative(source: _Source, blur_mrad: float) -> NDArray[np.float32]:
     """Relative irradiance (h, w), read-only; the intact pattern's mean is 1."""
-    name, fov_x_deg, fov_y_deg, seed, dropped, shifted_mrad = source
+    name, fov_x_deg, fov_y_deg, seed, density, dropped, shifted_mrad = source
     image = faults.irradiance(
-        pattern(name, fov_x_deg, fov_y_deg, seed),
+        pattern(name, fov_x_deg, fov_y_deg, seed, density),
         dropped=dropped,
         shifted_mrad=shifted_mrad,
         widened_mrad=blur_mrad,

@@ -25,7 +25,9 @@ from sim.sensor import Sensor
 _SAMPLES = 16  # Paths a coarse pixel where none are asked for.
 
 if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
+    from sim.frames import Pose
     from sim.scene import Scene
+    from sim.scene_file import SceneFile
     from sim.simulate import Shot
 
 
@@ -47,6 +49,7 @@ class _Task:
     text: str  # What `sim.scenes.load` takes.
     name: str
     room: str
+    captured: bool  # Its geometry comes from captures.
 
 
 class _Reading(NamedTuple):
@@ -57,6 +60,7 @@ class _Reading(NamedTuple):
     shot: Shot
     rgb: NDArray[np.uint8] | None  # The colour camera's picture; the scene keeps still.
     samples: int  # Paths a coarse pixel of indirect light; 0 without any.
+    world_from_left: Pose
 
 
 def simulate_captures(
@@ -76,6 +80,11 @@ def simulate_captures(
 
     A sensor with the geometry of captured scenes (see `sim.asked_sensor`) makes
     images that can be compared with the real ones pixel by pixel.
+
+    What the user knows of a scene's geometry goes to `scene.toml`: the builtin name, or the path
+    to the mesh or Mitsuba XML (see `sim.scenes.known.describe`), and the left imager's pose. That
+    is the nominal model: effects on the scene (errors of the model, motion, other surfaces) are
+    not in it, they show in `truth.png` and the images. Scenes that come from captures have none.
 
     Args:
         scene: a capture set, one scene in it, a builtin name, a mesh or a Mitsuba XML.
@@ -175,12 +184,15 @@ def _tasks(scene: str) -> tuple[list[_Task], str, str]:
     """List the scenes to simulate, and the licence and notes of what comes out."""
     if capture.is_capture(scene):
         real = capture.open_set(scene)
-        tasks = [_Task(text=str(s.path), name=s.name, room=s.room) for s in real.scenes]
+        tasks = [
+            _Task(text=str(s.path), name=s.name, room=s.room, captured=True) for s in real.scenes
+        ]
         notes = "simulated; geometry and reflectance come from the captures named in source"
         return tasks, f"derived from captures under: {real.info.licence}", notes
     path = Path(scene)
     name = path.stem if path.exists() else scene.replace(":", "-")  # A file, or a builtin name.
-    return [_Task(text=scene, name=name, room=name)], "as the scene's", "simulated"
+    task = _Task(text=scene, name=name, room=name, captured=False)
+    return [task], "as the scene's", "simulated"
 
 
 def _write_scenes(
@@ -192,7 +204,7 @@ def _write_scenes(
     rates: dict[str, list[float]] = defaultdict(list)
     levels: dict[str, list[float]] = defaultdict(list)
     figures: dict[str, Any] = {}
-    for task, number, shot, rgb, samples in shots:
+    for task, number, shot, rgb, samples, world_from_left in shots:
         if number == 0:
             capture_writer.write_scene(
                 folder,
@@ -200,6 +212,7 @@ def _write_scenes(
                 room=task.room,
                 truth_m=shot.layers.truth.depth_m,
                 depth_unit_m=plan.sensor.post.depth_unit_m,
+                known=_known(task, world_from_left, folder.path / task.name),
             )
         facts = {
             "seed": scene_seed(plan.seed, task.name),
@@ -218,16 +231,24 @@ def _write_scenes(
     return figures
 
 
+def _known(task: _Task, world_from_left: Pose, folder: Path) -> SceneFile | None:
+    if task.captured:
+        return None
+    from sim.scenes import known
+
+    return known.describe(task.text, world_from_left, folder)
+
+
 def _shots(tasks: list[_Task], plan: _Plan, tell: progress.Progress) -> Iterator[_Reading]:
     """Give every frame of every scene; a scene is rendered once and read out `frames` times."""
     from sim.simulate import sequence
 
     shots: Iterator[Shot] = iter(())
-    rgb, samples = None, 0
+    rgb, samples, world_from_left = None, 0, np.eye(4)
     for task, number in tell(list(product(tasks, range(plan.frames))), "simulate"):
         if number == 0:
             scene = _scene(task.text, plan)
-            rgb = _rgb(scene, plan.sensor)
+            rgb, world_from_left = _rgb(scene, plan.sensor), scene.world_from_left
             samples = (plan.samples or _SAMPLES) if scene.interreflection else 0
             shots = sequence(
                 scene,
@@ -236,7 +257,7 @@ def _shots(tasks: list[_Task], plan: _Plan, tell: progress.Progress) -> Iterator
                 seed=scene_seed(plan.seed, task.name),
                 samples=samples or _SAMPLES,
             )
-        yield _Reading(task, number, next(shots), rgb, samples)
+        yield _Reading(task, number, next(shots), rgb, samples, world_from_left)
 
 
 def _scene(text: str, plan: _Plan) -> Scene:

@@ -19,6 +19,7 @@ class Projector:
     fov_y_deg: float = 63.0  # Full vertical field [deg].
     pattern: str = "d435"  # A generator's name (see `patterns`) or an image file.
     pattern_seed: int = 0  # Seed of the generator, and of which dots have faults.
+    dot_density: float = 1.0  # Dots in a solid angle over the generator's own; power is shared.
     dropped_dots: float = 0.0  # Share of the dots that are dark; their light is lost.
     shifted_dots_mrad: float = 0.0  # Sigma of the dots' displacement on each axis [mrad].
     dot_blur_mrad: float = 0.0  # Sigma by which dots are wider than the pattern's [mrad].
@@ -41,6 +42,7 @@ class Projector:
             errors.in_interval(f"projector.rotation_deg.{axis}", value, -360.0, 360.0)
         errors.in_interval("projector.fov_x_deg", self.fov_x_deg, 1.0, 150.0)
         errors.in_interval("projector.fov_y_deg", self.fov_y_deg, 1.0, 150.0)
+        errors.in_interval("projector.dot_density", self.dot_density, 0.02, 20.0, "1 is its own.")
         errors.in_interval("projector.dropped_dots", self.dropped_dots, 0.0, 0.99)
         errors.in_interval("projector.shifted_dots_mrad", self.shifted_dots_mrad, 0.0, 100.0)
         errors.in_interval("projector.dot_blur_mrad", self.dot_blur_mrad, 0.0, 50.0)

@@ -35,6 +35,7 @@ LIBRARY_ROOMS = {
 PICTURE_MAKERS: dict[str, str] = {
     "sim/sheet.py": "every picture: a sheet of panels",
     "sim/panels.py": "the panels",
+    "sim/sweep_picture.py": "the curves of a sweep",
 }
 HEAVY = ("mitsuba", "drjit", "torch", "cv2", "matplotlib", "scipy", "numba")
 LONGEST_FILE = 400

@@ -4,8 +4,8 @@ Starts from a perfect camera on the same scene, moves one effect of the table at
 what it does to level, disparity error and holes. The scene is rendered once where that will do.
 
 Usage:
-    python examples/02_effects.py
-    python examples/02_effects.py lens_blur=1.5 vertical_offset=0.8 laser_speckle=0.3
+    python examples/06_effects.py
+    python examples/06_effects.py lens_blur=1.5 vertical_offset=0.8 laser_speckle=0.3
 """
 
 import sys

@@ -1,0 +1,195 @@
+"""Sweeps without rendering: which cameras they hold, what they refuse, what they write."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from patterns import InputError
+from sim import projector, record, sensor_edits, sensors, sweep, sweep_axes, sweep_picture
+from sim.reason import Reason
+from sim.sweep_axes import AXES
+from sim.sweep_figures import Figures
+
+BASE = sensors.load("d435")
+VALUES = {
+    "baseline_m": (0.02, 0.15),
+    "focal_px": (300.0,),
+    "projector_x_m": (-0.05, 0.0),
+    "dot_density": (0.5,),
+}
+
+
+def _found(full: bool = False) -> sweep.Sweep:
+    """A sweep with made-up figures: the second distance has no depth error to tell."""
+    cameras = tuple(sweep_axes.cameras(BASE, VALUES, full=full))
+    holes = {cause.name.lower(): 0.01 for cause in Reason if cause}
+    near, far = (
+        Figures(
+            bias_m=0.0,
+            noise_m=noise_m,
+            noise_px=0.1,
+            wall_holes=0.0,
+            holes=holes,
+            wrong=0.02,
+            unseen=0.05,
+        )
+        for noise_m in (2e-3, math.nan)
+    )
+    return sweep.Sweep(
+        cameras=cameras,
+        distances_m=(1.0, 2.0),
+        figures=((near, far),) * len(cameras),
+        reference=0,
+    )
+
+
+def test_one_axis_at_a_time() -> None:
+    found = sweep_axes.cameras(BASE, VALUES)
+    assert found[0].sensor == BASE
+    assert len(found) == 1 + sum(map(len, VALUES.values()))
+    for camera in found[1:]:
+        assert sum(camera.values[name] != found[0].values[name] for name in AXES) == 1
+
+
+def test_full_factorial_holds_every_combination_once() -> None:
+    found = sweep_axes.cameras(BASE, VALUES, full=True)
+    assert len(found) == math.prod(len(values) + 1 for values in VALUES.values())
+    assert len({tuple(camera.values.values()) for camera in found}) == len(found)
+    for name, values in VALUES.items():
+        assert len(sweep_axes.along(name, found)) == len(values) + 1
+
+
+def test_base_value_asked_for_is_no_second_camera() -> None:
+    assert len(sweep_axes.cameras(BASE, {"baseline_m": (BASE.baseline_m, 0.1, 0.1)})) == 2
+
+
+@given(
+    st.fixed_dictionaries(
+        {
+            "baseline_m": st.floats(0.02, 0.15),
+            "focal_px": st.floats(200, 1200),
+            "projector_x_m": st.floats(-0.1, 0.2),
+            "dot_density": st.floats(0.1, 8),
+        }
+    )
+)
+def test_every_axis_reads_back_what_was_set(values: dict[str, float]) -> None:
+    sensor = BASE
+    for name, value in values.items():
+        sensor = AXES[name].into(sensor, value)
+    assert {name: axis.of(sensor) for name, axis in AXES.items()} == values
+
+
+def test_focal_length_takes_the_lens_along() -> None:
+    """f-number and pixels stay, so defocus goes with f^2; the projector keeps its field."""
+    longer = sweep_axes.with_focal(BASE, 2 * BASE.fx_px)
+    assert (longer.fx_px, longer.fy_px) == (2 * BASE.fx_px, 2 * BASE.fy_px)
+    for side in (longer.left, longer.right):
+        assert side.lens.defocus_px_m == pytest.approx(4 * BASE.left.lens.defocus_px_m)
+    assert longer.projector == BASE.projector
+
+
+def test_usual_values_where_none_are_asked_for() -> None:
+    assert set(sweep_axes.chosen(BASE, {})) == set(AXES)
+    assert sweep_axes.chosen(BASE, {"baseline_m": [0.1], "focal_px": ()}) == {"baseline_m": (0.1,)}
+    usual = sweep_axes.chosen(BASE, {})["baseline_m"]
+    assert (min(usual), max(usual)) == (0.02, 0.15)
+    assert len(sweep_axes.cameras(BASE, sweep_axes.chosen(BASE, {}))) > 10
+
+
+@pytest.mark.parametrize("name", sorted(projector.GENERATORS))
+def test_density_multiplies_the_dots(name: str) -> None:
+    """To 2 %: lattices have an edge, a tile's sites are whole numbers."""
+    counts = []
+    for density in (0.5, 1.0, 2.0):
+        dots = projector.pattern(name, 60.0, 42.0, 0, density).dots
+        assert dots is not None
+        counts.append(len(dots))
+    assert counts[0] / counts[1] == pytest.approx(0.5, rel=0.02)
+    assert counts[2] / counts[1] == pytest.approx(2.0, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "axes", "message"),
+    [
+        ("d435", {"baseline": [0.1]}, "axis must be a known name; got 'baseline'"),
+        ("kinect-v1", {}, "sensor must be a stereo camera"),
+        ("d435", {"baseline_m": [-0.1]}, "baseline_m must be > 0; got -0.1"),
+        ("d435", {"focal_px": [0.0]}, "fx_px must be > 0; got 0.0"),
+        ("d435", {"projector_x_m": [29.0]}, "projector.position_m.x must be in .*; got 29.0"),
+        ("d435", {"dot_density": [0.0]}, "projector.dot_density must be in .*; got 0.0"),
+    ],
+)
+def test_refused_before_any_rendering(sensor: str, axes: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        sweep.sweep(sensors.load(sensor), axes)
+    if "axis" in message:
+        with pytest.raises(InputError, match=message):
+            sweep_axes.cameras(sensors.load(sensor), axes)
+
+
+@pytest.mark.parametrize(
+    ("distances", "message"),
+    [
+        ([], "distance_m must hold a distance; got none"),
+        ([1.0, 25.0], r"distance_m must be in \[0.1, 10\]; got 25.0"),
+        ([math.nan], "distance_m must be in .*; got nan"),
+    ],
+)
+def test_distances_refused(distances: list[float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        sweep.sweep(BASE, {}, distances_m=distances)
+
+
+def test_seed_refused() -> None:
+    with pytest.raises(InputError, match=r"seed must be in .*; got -1"):
+        sweep.sweep(BASE, {}, seed=-1)
+
+
+def test_image_pattern_has_the_dots_it_has(tmp_path) -> None:
+    """Another density is refused where it is asked for, and not swept where it is not."""
+    named = [("projector.pattern", str(tmp_path / "dots.png"))]
+    camera = sensor_edits.with_values(BASE, named)
+    assert not sweep_axes.chosen(camera, {})["dot_density"]
+    assert len(sweep_axes.cameras(camera, {"dot_density": [2.0]})) == 2
+    with pytest.raises(InputError, match=r"projector.dot_density must be 1 for .*; got 2"):
+        projector.pattern(camera.projector.pattern, 60.0, 42.0, 0, 2.0)
+    with pytest.raises(InputError, match="pattern file must be readable"):
+        sweep.sweep(camera, {"baseline_m": [0.1]})
+
+
+def test_refused_sweep_leaves_nothing(tmp_path) -> None:
+    with pytest.raises(InputError):
+        sweep.run(BASE, {"baseline_m": [-1.0]}, tmp_path / "out")
+    assert not list(tmp_path.iterdir())
+
+
+def test_tables_hold_every_camera_at_every_distance() -> None:
+    """What cannot be measured is null in JSON and an empty cell in CSV."""
+    found = _found()
+    plain = json.loads(record.dumps(sweep.listed(found)))
+    rows = list(csv.DictReader(io.StringIO(sweep.table(found))))
+    assert len(rows) == len(found.cameras) * 2
+    assert [camera["name"] for camera in plain["cameras"]][:2] == ["base", "baseline 20 mm"]
+    assert plain["cameras"][1]["points"][1]["noise_m"] is None
+    assert rows[3]["noise_m"] == ""
+    assert float(rows[2]["noise_m"]) == 2e-3
+    assert float(rows[0]["law_m"]) == pytest.approx(0.1 / BASE.focal_baseline_px_m, rel=1e-5)
+    assert float(rows[1]["law_m"]) == pytest.approx(4 * float(rows[0]["law_m"]), rel=1e-5)
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_picture_is_drawn(full: bool) -> None:
+    assert sweep_picture.draw(_found(full)).startswith(b"\x89PNG")
+
+
+def test_picture_groups_every_reason_once() -> None:
+    grouped = [cause for _, causes in sweep_picture.GROUPS.values() for cause in causes]
+    assert sorted(grouped) == sorted(cause.name.lower() for cause in Reason if cause)
