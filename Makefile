@@ -14,6 +14,8 @@ demo: setup-run  ## Simulate the demo scene with a D435; leaves out/demo and out
 
 pictures: demo  ## Make the pictures of the documentation anew.
 	cp out/demo.png docs/pictures/demo.png
+	$(bin)/starling sweep --sensor d435 --out out/sweep --force
+	cp out/sweep/sweep.png docs/pictures/sweep.png
 
 test: setup-test  ## Run every test; set up with torch.
 	$(pytest)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +61,7 @@ def load(scene: CapturedScene, sensor: Sensor) -> Observation:
     still = [
         frame.ir_left for frame in frames if frame.record.get("counts", "repeats") == "repeats"
     ]
-    rows = [image for image in still if image is not None]
+    rows: list[NDArray[Any]] = [image for image in still if image is not None]
     return Observation(
         name=scene.name,
         room=scene.room,

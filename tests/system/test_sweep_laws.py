@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim import render, sensors, sweep, sweep_figures
+from sim import render, sensors, sweep, sweep_axes, sweep_figures
 from sim.reason import Reason
 from sim.scenes import builtin
 from sim.simulate import simulate
@@ -135,3 +135,31 @@ def test_law_breaks_where_its_premise_does():
     assert sweep_figures.nearest_m(wide.sensor) > 0.4 > sweep_figures.nearest_m(base.sensor)
     assert found.of(wide)[0].wall_holes > 0.8 > 0.1 > found.of(base)[0].wall_holes
     assert found.of(long)[1].noise_m > 1.5 * found.law_m(long)[1]
+
+
+def test_folder_holds_the_picture_and_the_tables(tmp_path):
+    """One command, one picture; the same seed again gives the same tables."""
+    quarter = {"width": 320, "height": 180, "cx_px": 160.0, "cy_px": 90.0}
+    small = sweep_axes.with_focal(dataclasses.replace(BASE, **quarter), 160.0)
+    axes = {"baseline_m": [0.1], "dot_density": ()}
+    said = [sweep.run(small, axes, tmp_path / name, distances_m=[0.6]) for name in "ab"]
+    first, again = (sorted((tmp_path / name).iterdir()) for name in "ab")
+    names = [path.name for path in first]
+    assert names == ["sensor.toml", "starling.json", "sweep.csv", "sweep.json", "sweep.png"]
+    assert said[0]["files"] == len(names)
+    assert list(said[0]["cameras"]) == ["base", "baseline 100 mm"]
+    assert (tmp_path / "a" / "sweep.png").read_bytes().startswith(b"\x89PNG")
+    for one, other in zip(first[:4], again[:4], strict=True):
+        assert one.read_bytes() == other.read_bytes()
+    assert sensors.load(str(tmp_path / "a" / "sensor.toml")) == small
+
+
+def test_without_a_projector_nothing_is_in_its_shadow():
+    """Passive stereo: what geometry hides is hidden from the right imager alone."""
+    dark = dataclasses.replace(BASE.projector, power_w=0.0, position_m=(0.1, 0.0, 0.0))
+    sensor = dataclasses.replace(BASE, projector=dark)
+    stages = sweep_figures.Stages.at(1.0)
+    seen = sweep_figures.measure(sensor, stages)
+    truth = render.layers(stages.posts, sensor).truth
+    assert seen.unseen == np.mean(~truth.right_sees)
+    assert seen.holes["shadowed"] == 0
