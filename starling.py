@@ -9,66 +9,21 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import tyro
-from tyro.conf import (
-    FlagCreatePairsOff,
-    OmitArgPrefixes,
-    Positional,
-    PositionalMetavarFromFieldName,
-    UseAppendAction,
-    arg,
-)
+from tyro.conf import FlagCreatePairsOff, Positional, PositionalMetavarFromFieldName
 
 from patterns.errors import refuse
 from sim import shell
+from sim.flags import Common, DevicePreset, Edits, Effects, Shared
 
 _app = tyro.extras.SubcommandApp()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Common:
-    """Flags of every verb."""
-
-    json: bool = False
-    """Print the result alone, as JSON."""
-    debug: bool = False
-    """Show the traceback of a refusal."""
-
-
-_Common = OmitArgPrefixes[Common]
-_Edits = Annotated[
-    UseAppendAction[tuple[str, ...]],
-    arg(
-        name="set",
-        metavar="PATH=VALUE",
-        help="Change one field of the sensor, e.g. projector.power_w=0.2; `imager.` means both "
-        "imagers. May be repeated.",
-    ),
-]
-_Preset = Annotated[
-    str | None,
-    arg(
-        metavar="NAME|FILE.json",
-        help="Put a RealSense under a preset of its maker (default, high_accuracy, high_density, "
-        "medium_density, hand) or under the controls its viewer exported.",
-    ),
-]
-_Effects = Annotated[
-    UseAppendAction[tuple[str, ...]],
-    arg(
-        name="effect",
-        metavar="NAME[.PARAM]=VALUE",
-        help="Set one effect of the table, e.g. lens_blur=0.8. May be repeated.",
-    ),
-]
-
-
 @_app.command
-def doctor(*, common: _Common = Common()) -> None:
+def doctor(*, common: Shared = Common()) -> None:
     """Say what this machine can do: Mitsuba variant, LLVM, GPU, versions.
 
     Example: starling doctor
@@ -83,7 +38,7 @@ def sensors(
     action: Positional[Literal["list", "show"]] = "list",
     name: Positional[str] = "",
     *,
-    common: _Common = Common(),
+    common: Shared = Common(),
 ) -> None:
     """List the sensor presets, or show one with the source of every number.
 
@@ -112,7 +67,7 @@ def effects(
     name: Positional[str] = "",
     *,
     sensor: str = "d435",
-    common: _Common = Common(),
+    common: Shared = Common(),
 ) -> None:
     """List what separates a real camera from an ideal one, or show one effect of the table.
 
@@ -142,12 +97,12 @@ def simulate(
     frames: int = 1,
     seed: int = 0,
     samples: int = 0,
-    device_preset: _Preset = None,
+    device_preset: DevicePreset = None,
     emitter: Literal["on", "off"] | None = None,
-    effect: _Effects = (),
-    edits: _Edits = (),
+    effect: Effects = (),
+    edits: Edits = (),
     force: bool = False,
-    common: _Common = Common(),
+    common: Shared = Common(),
 ) -> None:
     """Simulate what a depth camera sees of a scene; writes a capture set.
 
@@ -208,11 +163,11 @@ def match(
     *,
     sensor: str,
     setting: str | None = None,
-    device_preset: _Preset = None,
-    edits: _Edits = (),
+    device_preset: DevicePreset = None,
+    edits: Edits = (),
     out: Path | None = None,
     force: bool = False,
-    common: _Common = Common(),
+    common: Shared = Common(),
 ) -> None:
     """Match a capture's own infrared pair; compare with the device's depth and the truth.
 
@@ -256,7 +211,7 @@ def match(
 
 
 @_app.command
-def compare(real: Positional[str], sim: Positional[str], *, common: _Common = Common()) -> None:
+def compare(real: Positional[str], sim: Positional[str], *, common: Shared = Common()) -> None:
     """Compare simulated captures with real ones: how far is the simulation off?
 
     Example: starling compare captures/d415-faro out/d415-faro --json
@@ -282,7 +237,7 @@ def show(
     out: Path,
     frame: int = 0,
     force: bool = False,
-    common: _Common = Common(),
+    common: Shared = Common(),
 ) -> None:
     """Draw captures: infrared, depth, why depth is missing, error against truth.
 
@@ -312,7 +267,7 @@ def atlas(
     out: Path,
     sensor: str = "d435",
     force: bool = False,
-    common: _Common = Common(),
+    common: Shared = Common(),
 ) -> None:
     """Draw what each effect of the table does: infrared, disparity error and holes; a page each.
 
@@ -334,7 +289,62 @@ def atlas(
 
 
 @_app.command
-def bench(*, common: _Common = Common()) -> None:
+def sweep(
+    *,
+    sensor: str = "d435",
+    out: Path,
+    baseline_m: tuple[float, ...] = (),
+    focal_px: tuple[float, ...] = (),
+    projector_x_m: tuple[float, ...] = (),
+    dot_density: tuple[float, ...] = (),
+    distance_m: tuple[float, ...] = (),
+    full: bool = False,
+    seed: int = 0,
+    edits: Edits = (),
+    force: bool = False,
+    common: Shared = Common(),
+) -> None:
+    """Design a camera: depth noise beside its law and holes against distance, by parameters.
+
+    Example: starling sweep --sensor d435 --baseline-m 0.02 0.1 --out out/sweep
+
+    Args:
+        sensor: stereo preset or sensor file that the cameras depart from, one axis at a time.
+        out: folder to make: sweep.png, sweep.csv, sweep.json.
+        baseline_m: baselines [m]. Where no axis is named, all are swept.
+        focal_px: focal lengths [px] at the same image size.
+        projector_x_m: places of the projector, right of the left imager [m].
+        dot_density: dots in a solid angle over the pattern's own.
+        distance_m: what the cameras look at [m]; 0.4 to 6 where none is given.
+        full: all combinations of the values.
+        seed: of the noise.
+        edits: changes to the sensor before anything is swept.
+        force: replace a folder that starling wrote before.
+        common: flags of every verb.
+    """
+    from sim import asked_sensor, progress
+    from sim import sweep as sweeping
+
+    camera = asked_sensor.load(sensor, edits=edits)
+    axes = {"baseline_m": baseline_m, "focal_px": focal_px}
+    axes |= {"projector_x_m": projector_x_m, "dot_density": dot_density}
+    with progress.on_stderr() as tell:
+        result = sweeping.run(
+            camera,
+            axes,
+            out,
+            distances_m=distance_m,
+            full=full,
+            seed=seed,
+            force=force,
+            asked={"sensor": sensor, "set": edits},
+            tell=tell,
+        )
+    shell.say(result, json=common.json)
+
+
+@_app.command
+def bench(*, common: Shared = Common()) -> None:
     """Time the whole pipeline against the bare floor: two renders and one matcher call.
 
     Example: starling bench --json

@@ -124,6 +124,10 @@ def _shrunk(projector: Projector, scale: float) -> Projector:
     return dataclasses.replace(
         projector,
         position_m=_over(projector.position_m, scale),
+        emitters=tuple(
+            dataclasses.replace(emitter, offset_m=_over(emitter.offset_m, scale))
+            for emitter in projector.emitters
+        ),
         focus_m=projector.focus_m / scale,
         defocus_mrad_m=projector.defocus_mrad_m / scale,
     )

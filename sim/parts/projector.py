@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from patterns import errors
+from sim.parts.emitter import Emitter
+
+_MOST_EMITTERS = 16  # Every one is a pass of shadow rays; a pattern's dots are no emitters.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -18,6 +21,10 @@ class Projector:
     fov_x_deg: float = 90.0  # Full horizontal field [deg].
     fov_y_deg: float = 63.0  # Full vertical field [deg].
     pattern: str = "d435"  # A generator's name (see `patterns`) or an image file.
+    emitters: tuple[Emitter, ...] = ()  # None: a single one, at the projector's own place.
+    # Direction cosines of the light about the emitter's axis, over those of the pattern as given:
+    # a diffractive element's grow with the wavelength.
+    pattern_scale: float = 1.0
     pattern_seed: int = 0  # Seed of the generator, and of which dots have faults.
     dot_density: float = 1.0  # Dots in a solid angle over the generator's own; power is shared.
     dropped_dots: float = 0.0  # Share of the dots that are dark; their light is lost.
@@ -42,6 +49,16 @@ class Projector:
             errors.in_interval(f"projector.rotation_deg.{axis}", value, -360.0, 360.0)
         errors.in_interval("projector.fov_x_deg", self.fov_x_deg, 1.0, 150.0)
         errors.in_interval("projector.fov_y_deg", self.fov_y_deg, 1.0, 150.0)
+        errors.in_interval(
+            "number of projector.emitters",
+            len(self.emitters),
+            0,
+            _MOST_EMITTERS,
+            "The dots of one pattern need one.",
+        )
+        errors.in_interval(
+            "projector.pattern_scale", self.pattern_scale, 0.9, 1.1, "1 is as given."
+        )
         errors.in_interval("projector.dot_density", self.dot_density, 0.02, 20.0, "1 is its own.")
         errors.in_interval("projector.dropped_dots", self.dropped_dots, 0.0, 0.99)
         errors.in_interval("projector.shifted_dots_mrad", self.shifted_dots_mrad, 0.0, 100.0)

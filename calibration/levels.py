@@ -1,0 +1,118 @@
+"""What an imager should read of each light of a scene, before strengths and reflectance are known.
+
+Light is linear: signal = power laser + irradiance ambient + other [DN above black].
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sim import frames
+from sim.imager import charge, electrons_per_radiance, smoothing
+from sim.imager.exposure import Exposure
+from sim.layers import Image, Mask, View
+from sim.light.received import Received, received
+from sim.optics import image as optics
+from sim.pinhole import Pinhole
+from sim.scene import Scene
+from sim.sensor import Imager, Sensor
+
+Side = Literal["left", "right"]
+
+_DARKEST = 1e-3  # Share of the pixels whose level bounds the black level from above.
+_JUMP = 0.02  # Relative step of depth between neighbours that makes an edge.
+_EDGE_PX = 4  # Pixels on each side of an edge that blur and wrong geometry reach.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Levels:
+    """Signal of one imager under lights of unit strength [DN above black], each (h, w)."""
+
+    laser: Image  # Projector of 1 W.
+    ambient: Image  # Ambient light of 1 W m^-2.
+    other: Image  # Sun and other projectors, at their own strength.
+    lens_log_cos: Image  # log cos of the angle off the imager's axis: d log signal / d vignetting.
+    projector_log_cos: Image  # Likewise off the projector's axis: d log laser / d falloff.
+    dark_dn: float  # What dark current adds to the black level [DN].
+
+
+def part(sensor: Sensor, side: Side) -> Imager:
+    """The imager of a side."""
+    return sensor.left if side == "left" else sensor.right
+
+
+def expected(view: View, scene: Scene, sensor: Sensor, side: Side, exposure: Exposure) -> Levels:
+    """Take a view's layers through optics and imager, light by light, without noise.
+
+    Speckle, flicker, gamma and what is a pixel's own are left out; the mean does not move.
+
+    Args:
+        view: of one imager, rendered with this sensor's geometry and projector.
+        scene: it is of; its interreflection counts, the strength of its ambient light does not.
+        sensor: whose optics and imager act.
+        side: which imager.
+        exposure: time and gain of the image.
+    """
+    still = dataclasses.replace(sensor.projector, power_w=1.0, flicker=0.0, speckle_contrast=0.0)
+    sensor = dataclasses.replace(sensor, projector=still)
+    imager, wavelength = part(sensor, side), sensor.projector.wavelength_nm
+    step = exposure.gain * imager.ceiling_dn / imager.full_well_e
+    scale = np.float32(electrons_per_radiance(imager, wavelength, exposure.exposure_s) * step)
+    dark = dataclasses.replace(scene.ambient, irradiance_w_m2=0.0)
+    light = received(view, dataclasses.replace(scene, ambient=dark), sensor, seed=0, frame=0)
+    none = np.zeros_like(view.ambient)
+
+    def signal(laser: Image, rest: Image) -> Image:
+        if not (laser.any() or rest.any()):
+            return none
+        parts = Received(laser=laser, rest=rest)
+        formed = optics.image(parts, view.depth_m, sensor, side, seed=0) * scale
+        return smoothing.smoothed(charge.crosstalk(formed, imager.crosstalk), imager.smoothing_px)
+
+    return Levels(
+        laser=signal(light.laser, none),
+        ambient=signal(none, view.ambient),
+        other=signal(none, light.rest),
+        lens_log_cos=np.asarray(-0.5 * np.log1p(Pinhole.of(sensor).tangent_squared()), np.float32),
+        projector_log_cos=_projector_log_cos(view.depth_m, sensor, side),
+        dark_dn=imager.dark_current_e_s * exposure.exposure_s * step,
+    )
+
+
+def away_from_edges(depth_m: Image) -> Mask:
+    """Whether each pixel (h, w) sees a surface and no step of depth is within 4 px."""
+    depth = np.where(np.isfinite(depth_m), depth_m, 0).astype(np.float32)
+    square = np.ones((3, 3), np.uint8)
+    highest, lowest = cv2.dilate(depth, square), cv2.erode(depth, square)
+    edge = (highest > lowest * (1 + 2 * _JUMP)) | (lowest <= 0)
+    reach = np.ones((2 * _EDGE_PX + 1, 2 * _EDGE_PX + 1), np.uint8)
+    return cv2.dilate(edge.astype(np.uint8), reach) == 0
+
+
+def lower_envelope_dn(level: NDArray) -> float:
+    """Level that a thousandth of the pixels do not exceed [DN]: the black level is hardly higher.
+
+    Args:
+        level: image (h, w) [DN].
+    """
+    return float(np.quantile(level, _DARKEST))
+
+
+def _projector_log_cos(depth_m: Image, sensor: Sensor, side: Side) -> Image:
+    """log cos of the angle at which each pixel's surface point is off the projector's axis."""
+    height, width = depth_m.shape
+    x = (np.arange(width, dtype=np.float64) - sensor.cx_px) / sensor.fx_px
+    y = (np.arange(height, dtype=np.float64) - sensor.cy_px) / sensor.fy_px
+    depth = np.where(np.isfinite(depth_m), depth_m, 1.0).astype(np.float64)
+    shift = 0.0 if side == "left" else sensor.baseline_m * (1 + sensor.baseline_error)
+    points = np.stack([x * depth + shift, y[:, None] * depth, depth], axis=-1)
+    pose = frames.pose(sensor.projector.position_m, sensor.projector.rotation_deg)
+    local = (points - pose[:3, 3]) @ pose[:3, :3]
+    cosine = local[..., 2] / np.linalg.norm(local, axis=-1)
+    return np.log(np.maximum(cosine, 1e-3)).astype(np.float32)
