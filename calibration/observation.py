@@ -37,7 +37,7 @@ class Observation:
     repeats: NDArray[np.uint8] | NDArray[np.uint16] | None  # (n, h, w) left frames at rest, n >= 2.
 
 
-def load(scene: CapturedScene, sensor: Sensor) -> Observation:
+def load(scene: CapturedScene, sensor: Sensor, *, smoothing_px: float = 0.0) -> Observation:
     """Read one scene of a capture set and what its surface is.
 
     A posed mesh (`scene.toml`) is taken before reference depth: it alone tells focal length and
@@ -46,6 +46,7 @@ def load(scene: CapturedScene, sensor: Sensor) -> Observation:
     Args:
         scene: of a capture set.
         sensor: that the captures are of, as far as its geometry and lens go.
+        smoothing_px: see `sim.scenes.captured.load`; posed meshes have reflectance of their own.
 
     Raises:
         InputError: whatever is wrong with the files.
@@ -57,7 +58,7 @@ def load(scene: CapturedScene, sensor: Sensor) -> Observation:
     surface = known.load(scene, sensor)
     metric = surface is not None
     if surface is None and truth is not None and first.ir_left is not None:
-        surface = captured.load(scene.path, sensor)
+        surface = captured.load(scene.path, sensor, smoothing_px=smoothing_px)
     still = [
         frame.ir_left for frame in frames if frame.record.get("counts", "repeats") == "repeats"
     ]

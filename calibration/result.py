@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.heldout import Scored
+from calibration.pattern import Recovered
 from sim.sensor import Sensor
 
 
@@ -31,6 +33,8 @@ class Solution:
     undetermined: tuple[str, ...]  # One sentence each: what cannot be told, and what would tell it.
     cost: tuple[float, ...]  # Weighted mean squared residual after each step; 1 is noise alone.
     sensor: Sensor  # With the estimates set.
+    # Combinations that may be determined where their parts are not: f b, for one.
+    derived: tuple[Estimate, ...] = ()
     scenes: Mapping[str, Mapping[str, float]] = field(
         default_factory=dict
     )  # What differs by scene.
@@ -41,3 +45,27 @@ class Solution:
         deviation = np.sqrt(np.diagonal(self.covariance))
         safe = np.where(np.isfinite(deviation) & (deviation > 0), deviation, np.inf)
         return np.nan_to_num(self.covariance / np.outer(safe, safe), nan=0.0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Calibration:
+    """What `calibration.fit` returns."""
+
+    sensor: Sensor  # Renders what the camera sees.
+    solutions: Mapping[str, Solution]  # By what was fitted: geometry, pattern ...
+    warnings: tuple[str, ...]  # What the captures' plausibility says.
+    fitted_rooms: tuple[str, ...]
+    heldout: tuple[Scored, ...]  # Re-simulated scenes of rooms that the fit has not seen.
+    before: tuple[Scored, ...]  # The same by the sensor that the fit began from.
+    recovered: Recovered | None  # The pattern, where it was asked for.
+    seconds: Mapping[str, float]  # By stage.
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """All fitted numbers, those of one scene alone included."""
+        return tuple(one for solution in self.solutions.values() for one in solution.estimates)
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """What the captures leave open, one sentence each."""
+        return tuple(text for solution in self.solutions.values() for text in solution.undetermined)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
 
-from sim import capture, projector, sensor_edits, sensors
+from sim import capture, sensor_edits, sensors
 from sim.progress import Note, unsaid
 from sim.sensor import Sensor
 
@@ -24,7 +22,8 @@ def load(
 ) -> Sensor:
     """Load a sensor, give it the geometry of its captures, then controls, then edits.
 
-    A pattern's image file gets its full path, so that the sensor can be used from elsewhere.
+    A pattern's image file gets its full path, so that the sensor can be used from elsewhere: one
+    in a sensor file from that file's folder, one in an edit from the working directory.
 
     Args:
         name: preset or sensor file.
@@ -42,7 +41,7 @@ def load(
         sensor = capture.open_set(captures).info.geometry_into(sensor)
     if device_preset is not None or emitter is not None:
         sensor = _controlled(sensor, device_preset, emitter, note)
-    return _anchored(sensor_edits.apply(sensor, edits))
+    return sensors.anchored(sensor_edits.apply(sensor, edits), Path.cwd())
 
 
 def _controlled(
@@ -55,11 +54,3 @@ def _controlled(
         for line in report.lines():
             note(line)
     return sensor if emitter is None else realsense.with_emitter(sensor, emitter)
-
-
-def _anchored(sensor: Sensor) -> Sensor:
-    name = sensor.projector.pattern
-    if name in projector.GENERATORS or not Path(name).suffix:
-        return sensor
-    light = dataclasses.replace(sensor.projector, pattern=os.path.abspath(name))
-    return dataclasses.replace(sensor, projector=light)

@@ -42,10 +42,14 @@ def add(layers: Layers, stage: Stage, sensor: Sensor, *, samples: int, seed: int
         seed: of the paths.
     """
     scene, (stage, sensor) = stage.scene, placement.in_model(stage, sensor)
-    irradiance = _without_dots(projector.irradiance_at_unit_distance(sensor.projector))
+    part = sensor.projector
+    irradiances = [
+        _without_dots(projector.irradiance_at_unit_distance(part, number))
+        for number in range(len(projector.emitters(part)))
+    ]
     make = _traced if backend.is_jit() else _plugged
     share = np.float32(1 / scene.model_error.scale**2)  # See `placement.enlarged`.
-    made = [image * share for image in make(stage, sensor, irradiance, samples, seed)]
+    made = [image * share for image in make(stage, sensor, irradiances, samples, seed)]
     views = (layers.left, layers.right)[: len(made)]
     left, *right = (
         dataclasses.replace(view, projector_indirect=image)
@@ -76,12 +80,16 @@ class _Averaged:
 
 
 def _traced(
-    stage: Stage, sensor: Sensor, irradiance: Image, samples: int, seed: int
+    stage: Stage, sensor: Sensor, irradiances: list[Image], samples: int, seed: int
 ) -> list[Image]:
     """The imagers' views by own rays."""
     lights = Lights.of(stage, sensor)
-    averaged: Any = _Averaged(irradiance)
-    mean = dataclasses.replace(lights.projector, pattern=averaged)
+    averaged: list[Any] = [_Averaged(irradiance) for irradiance in irradiances]
+    emissions = tuple(
+        dataclasses.replace(emission, pattern=pattern)
+        for emission, pattern in zip(lights.projector.emissions, averaged, strict=True)
+    )
+    mean = dataclasses.replace(lights.projector, emissions=emissions)
     lights = dataclasses.replace(lights, projector=mean, other=None, sun=None)
     images = []
     for side, pose in _poses(stage, sensor).items():
@@ -95,9 +103,10 @@ def _traced(
 
 
 def _plugged(
-    stage: Stage, sensor: Sensor, irradiance: Image, samples: int, seed: int
+    stage: Stage, sensor: Sensor, irradiances: list[Image], samples: int, seed: int
 ) -> list[Image]:
-    """The imagers' views by Mitsuba's path tracer."""
+    """The imagers' views by Mitsuba's path tracer, of a single emitter (see `render_scalar`)."""
+    (irradiance,) = irradiances
     images = []
     for number, pose in enumerate(_poses(stage, sensor).values()):
         sampled = paths_scalar.radiance(

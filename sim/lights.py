@@ -10,7 +10,7 @@ import numpy as np
 
 from sim import backend
 from sim.camera import opaque
-from sim.projection import Light, projected
+from sim.projection import Beam, Light, projected
 from sim.scene import Ambient, Scene, Sun
 from sim.sensor import Sensor
 from sim.specular import Specular
@@ -114,17 +114,23 @@ def _other(scene: Scene, sensor: Sensor) -> Light | None:
 
 def _projected(stage: Stage, light: Light, si: Any) -> Any:
     """Radiance returned of a projector's light, where that comes through glass too."""
+    first, *others = (_thrown(stage, beam, si) for beam in light.beams)
+    return sum(others, start=first)
+
+
+def _thrown(stage: Stage, beam: Beam, si: Any) -> Any:
+    """Radiance returned of one emitter's light."""
     if stage.specular is None:
-        return projected(stage, light, si)
-    return projected(stage.blocking(), light, si) * _passed(stage, stage.specular, light, si)
+        return projected(stage, beam, si)
+    return projected(stage.blocking(), beam, si) * _passed(stage, stage.specular, beam, si)
 
 
-def _passed(stage: Stage, specular: Specular, light: Light, si: Any) -> Any:
-    """Share of a projector's light that glass on the way lets pass."""
+def _passed(stage: Stage, specular: Specular, beam: Beam, si: Any) -> Any:
+    """Share of an emitter's light that glass on the way lets pass."""
     mi, dr = backend.mitsuba(), backend.drjit()
-    way = si.p - light.place.origin
+    way = si.p - beam.place.origin
     distance = dr.norm(way)
-    ray = mi.Ray3f(light.place.origin, way / distance)
+    ray = mi.Ray3f(beam.place.origin, way / distance)
     short = distance * (1 - stage.scene.shadow_tolerance)
     return specular.transmitted(ray, short, si.is_valid())
 

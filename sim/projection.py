@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -18,8 +20,8 @@ from sim.stage import Stage
 class _Focused:
     """A pattern whose dots have one angular width at all distances."""
 
-    def __init__(self, part: Projector) -> None:
-        self._texture = _texture("Texture2f", projector.irradiance_at_unit_distance(part))
+    def __init__(self, irradiance: NDArray[np.float32]) -> None:
+        self._texture = _texture("Texture2f", irradiance)
 
     def irradiance(self, texel: Any, _depth: Any, active: Any) -> Any:
         """Irradiance on the plane at unit distance at image coordinates from 0 to 1."""
@@ -29,8 +31,8 @@ class _Focused:
 class _Defocused:
     """A pattern whose dots widen off the distance in focus."""
 
-    def __init__(self, part: Projector) -> None:
-        made = projector.defocused(part)
+    def __init__(self, part: Projector, number: int) -> None:
+        made = projector.defocused(part, number)
         self._texture = _texture("Texture3f", made.levels)
         self._last = opaque("Float", [len(made.levels) - 1])
         relative = part.defocus_mrad_m / np.sqrt(made.variance_mrad2)
@@ -50,28 +52,113 @@ class _Defocused:
 
 
 @dataclass(frozen=True, slots=True)
-class Light:
-    """The projector in the world."""
+class Emission:
+    """What one emitter throws, in its own frame."""
 
     half_tangent: Any  # Vector2f
     pattern: _Focused | _Defocused
+    scale: Any | None  # Float: direction cosines over the pattern's; None where they are these.
+
+    @staticmethod
+    def of(part: Projector, number: int) -> Emission:
+        return Emission(
+            opaque("Vector2f", projector.half_tangents(part)),
+            _Defocused(part, number)
+            if part.defocus_mrad_m
+            else _Focused(projector.irradiance_at_unit_distance(part, number)),
+            opaque("Float", [part.pattern_scale]) if part.pattern_scale != 1 else None,
+        )
+
+    def covers(self, local: Any) -> Any:
+        """Whether points of the emitter's frame are inside its field."""
+        nominal = self._nominal(local)
+        slope_x, slope_y = nominal.x / nominal.z, nominal.y / nominal.z
+        inside = (abs(slope_x) <= self.half_tangent.x) & (abs(slope_y) <= self.half_tangent.y)
+        return inside & (local.z > 0)
+
+    def irradiance(self, local: Any, active: Any) -> Any:
+        """Irradiance [W m^-2] at points of the emitter's frame, of planes across its axis.
+
+        At scale s a pencil of light with the direction cosines a, b and the angle t0 off the axis
+        leaves with s a, s b at angle t. Of the plane at unit distance it crosses, instead of
+        da db / cos^4 t0, s^2 da db / cos^4 t: so the plane has 1 / s^2 (cos t / cos t0)^4 of the
+        pattern's irradiance.
+        """
+        mi, dr = backend.mitsuba(), backend.drjit()
+        nominal = self._nominal(local)
+        slope = mi.Point2f(nominal.x, nominal.y) / nominal.z
+        texel = 0.5 * (slope / self.half_tangent + 1)
+        plane = self.pattern.irradiance(texel, local.z, active) / dr.square(local.z)
+        if self.scale is None:
+            return plane
+        return plane * dr.square(dr.square(local.z / nominal.z) / self.scale)
+
+    def _nominal(self, local: Any) -> Any:
+        """Where light that gets to a point would be at scale 1, as far from the emitter.
+
+        Beyond a sine of the scale there is no light; z is 0 there.
+        """
+        if self.scale is None:
+            return local
+        dr = backend.drjit()
+        x, y = local.x / self.scale, local.y / self.scale
+        rest = dr.squared_norm(local) - dr.square(x) - dr.square(y)
+        return type(local)(x, y, dr.sqrt(dr.maximum(rest, 0)))
+
+
+@dataclass(frozen=True, slots=True)
+class Beam:
+    """What one emitter throws into the world."""
+
+    emission: Emission
+    place: Placed
+
+    def reaches(self, scene: Any, point: Any, active: Any, tolerance: float) -> Any:
+        """Whether nothing stands between emitter and point, and the field covers it."""
+        covered = self.emission.covers(self.place.local(point))
+        return clear(scene, self.place.origin, point, active & covered, tolerance)
+
+
+@dataclass(frozen=True, slots=True)
+class Light:
+    """The projector in the world, and its emitters on it."""
+
+    emissions: tuple[Emission, ...]
+    places: tuple[Placed | None, ...]  # Of the emitters, in its frame; None is its own place.
     place: Placed
 
     @staticmethod
     def of(sensor: Sensor, world_from_left: Pose) -> Light:
         part = sensor.projector
+        own = [frames.pose(e.offset_m, e.rotation_deg) for e in projector.emitters(part)]
         return Light(
-            opaque("Vector2f", projector.half_tangents(part)),
-            _Defocused(part) if part.defocus_mrad_m else _Focused(part),
+            tuple(Emission.of(part, number) for number in range(len(own))),
+            tuple(None if np.array_equal(pose, np.eye(4)) else Placed.of(pose) for pose in own),
             Placed.of(world_from_left @ frames.pose(part.position_m, part.rotation_deg)),
         )
 
+    @property
+    def beams(self) -> list[Beam]:
+        """The light of every emitter."""
+        places = (_on(self.place, place) if place else self.place for place in self.places)
+        return [Beam(*pair) for pair in zip(self.emissions, places, strict=True)]
+
     def reaches(self, scene: Any, point: Any, active: Any, tolerance: float) -> Any:
-        """Whether nothing stands between projector and point, and the field covers it."""
-        local = self.place.local(point)
-        slope_x, slope_y = local.x / local.z, local.y / local.z
-        inside = (abs(slope_x) <= self.half_tangent.x) & (abs(slope_y) <= self.half_tangent.y)
-        return clear(scene, self.place.origin, point, active & inside & (local.z > 0), tolerance)
+        """Whether the light of any emitter gets to a point."""
+        return reduce(
+            operator.or_, (beam.reaches(scene, point, active, tolerance) for beam in self.beams)
+        )
+
+
+def _on(projector_place: Placed, place: Placed) -> Placed:
+    """Place in the world of what stands on a projector."""
+
+    def turned(vector: Any) -> Any:
+        axes = projector_place.x, projector_place.y, projector_place.z
+        return axes[0] * vector.x + axes[1] * vector.y + axes[2] * vector.z
+
+    origin = projector_place.origin + turned(place.origin)
+    return Placed(turned(place.x), turned(place.y), turned(place.z), origin)
 
 
 def _texture(kind: str, image: NDArray[np.float32]) -> Any:
@@ -90,20 +177,18 @@ def clear(scene: Any, origin: Any, point: Any, active: Any, tolerance: float) ->
     return active & ~scene.ray_test(ray, active)
 
 
-def projected(stage: Stage, light: Light, si: Any) -> Any:
-    """Radiance that surface points return of the projector's direct light [W m^-2 sr^-1].
+def projected(stage: Stage, beam: Beam, si: Any) -> Any:
+    """Radiance that surface points return of an emitter's direct light [W m^-2 sr^-1].
 
-    The plane at distance z in front of the projector receives E1 / z^2, E1 being the pattern's
+    The plane at distance z in front of the emitter receives E1 / z^2, E1 being the pattern's
     irradiance at unit distance; a surface turned by theta from the ray, which leaves at angle
     alpha from the axis, receives cos theta / cos alpha times that.
     """
     mi, dr = backend.mitsuba(), backend.drjit()
-    local = light.place.local(si.p)
-    toward = -dr.normalize(si.p - light.place.origin)
-    active = light.reaches(stage.mitsuba, si.p, si.is_valid(), stage.scene.shadow_tolerance)
-    slope = mi.Point2f(local.x, local.y) / local.z
-    texel = 0.5 * (slope / light.half_tangent + 1)
-    plane = light.pattern.irradiance(texel, local.z, active) / dr.square(local.z)
+    local = beam.place.local(si.p)
+    toward = -dr.normalize(si.p - beam.place.origin)
+    active = beam.reaches(stage.mitsuba, si.p, si.is_valid(), stage.scene.shadow_tolerance)
+    plane = beam.emission.irradiance(local, active)
     cos_alpha = local.z / dr.norm(local)
     brdf_cos = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(toward), active)[0]
     return dr.select(active, brdf_cos * plane / cos_alpha, 0)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import patterns
 from patterns import dots, errors, faults
 from sim import randomness
+from sim.parts.emitter import Emitter
 from sim.sensor import Projector
 
 GENERATORS = {
@@ -38,6 +39,20 @@ def half_tangents(projector: Projector) -> tuple[float, float]:
     return (
         float(np.tan(np.deg2rad(projector.fov_x_deg / 2))),
         float(np.tan(np.deg2rad(projector.fov_y_deg / 2))),
+    )
+
+
+def emitters(projector: Projector) -> tuple[Emitter, ...]:
+    """The emitters of a projector, at least one; each has its pattern, shares sum to 1."""
+    several = projector.emitters or (Emitter(),)
+    total = sum(emitter.power_share for emitter in several)
+    return tuple(
+        dataclasses.replace(
+            emitter,
+            pattern=emitter.pattern or projector.pattern,
+            power_share=emitter.power_share / total,
+        )
+        for emitter in several
     )
 
 
@@ -85,8 +100,12 @@ def _denser(name: str, density: float) -> dict[str, float]:
     }
 
 
-def irradiance_at_unit_distance(projector: Projector) -> NDArray[np.float32]:
+def irradiance_at_unit_distance(projector: Projector, number: int = 0) -> NDArray[np.float32]:
     """Irradiance [W m^-2] that 1 W lays on the plane 1 m in front, perpendicular to the axis.
+
+    Args:
+        projector: its `pattern_scale` is left to who looks the light up (see `sim.projection`).
+        number: of the emitter whose part of the light, axis and place are meant.
 
     Returns:
         (h, w) over the projector's field in tangent coordinates, OpenCV orientation, in focus.
@@ -97,18 +116,31 @@ def irradiance_at_unit_distance(projector: Projector) -> NDArray[np.float32]:
     Raises:
         InputError: if the pattern cannot be had, or has not the dots that are dropped or shifted.
     """
-    return _on_plane(projector, _relative(_faulty(projector), projector.dot_blur_mrad))
+    source = _faulty(projector, number)
+    return _on_plane(projector, number, _relative(source, projector.dot_blur_mrad))
 
 
 def as_stored(projector: Projector) -> Projector:
     """The projector as it was when a structured-light camera's reference was stored.
 
     What befell the dots later, and how the projector has turned since, is not in the reference:
-    that is what makes such a camera err.
+    that is what makes such a camera err. Nor is what heat has made of the pattern's scale.
+
+    Raises:
+        InputError: if the projector has several emitters: seen from one place, the pattern of
+            another looks different at every distance.
     """
+    if projector.emitters:
+        raise errors.refuse(
+            "projector.emitters",
+            "must be [] with structured light, whose reference is seen from one place",
+            f"{len(projector.emitters)} emitters",
+            "Set it so, or take a stereo camera.",
+        )
     return dataclasses.replace(
         projector,
         rotation_deg=(0.0, 0.0, 0.0),
+        pattern_scale=1.0,
         dropped_dots=0.0,
         shifted_dots_mrad=0.0,
         dot_blur_mrad=0.0,
@@ -128,13 +160,16 @@ class Defocus:
     ratio: float = _STEP
 
 
-def defocused(projector: Projector) -> Defocus:
-    """The levels that a projector needs for surfaces from 0.1 m to infinity.
+def defocused(projector: Projector, number: int = 0) -> Defocus:
+    """The levels that an emitter needs for surfaces from 0.1 m to infinity.
+
+    Args:
+        projector, number: as `irradiance_at_unit_distance`.
 
     Raises:
-        InputError: as `irradiance_at_unit_distance`.
+        InputError: likewise.
     """
-    source = _faulty(projector)
+    source = _faulty(projector, number)
     made = pattern(*source[:5])
     # A drawn image has no narrower spots than its pixels hold.
     fwhm_mrad = made.fwhm_mrad or 1e3 * dots.NARROWEST_PX / max(made.field.focal_px(made.shape))
@@ -143,13 +178,15 @@ def defocused(projector: Projector) -> Defocus:
     widest = projector.defocus_mrad_m * max(focus, 1 / NEAREST_M - focus)
     count = 2 + int(np.log1p(widest**2 / variance) / np.log(_STEP))
     blurs = np.sqrt(projector.dot_blur_mrad**2 + variance * (_STEP ** np.arange(count) - 1))
-    levels = [_on_plane(projector, _relative(source, float(blur))) for blur in blurs]
+    levels = [_on_plane(projector, number, _relative(source, float(blur))) for blur in blurs]
     return Defocus(levels=np.stack(levels), variance_mrad2=variance)
 
 
-def _on_plane(projector: Projector, relative: NDArray[np.float32]) -> NDArray[np.float32]:
+def _on_plane(
+    projector: Projector, number: int, relative: NDArray[np.float32]
+) -> NDArray[np.float32]:
     half_x, half_y = half_tangents(projector)
-    scale = np.float32(1 / (4 * half_x * half_y))
+    scale = np.float32(emitters(projector)[number].power_share / (4 * half_x * half_y))
     if projector.falloff == 0:
         return relative * scale
     height, width = relative.shape
@@ -159,33 +196,36 @@ def _on_plane(projector: Projector, relative: NDArray[np.float32]) -> NDArray[np
     return relative * (scale * cosine**projector.falloff).astype(np.float32)
 
 
-_Source = tuple[str, float, float, int, float, float, float]
+_Source = tuple[str, float, float, int, float, float, float, int]
 
 
-def _faulty(projector: Projector) -> _Source:
+def _faulty(projector: Projector, number: int) -> _Source:
     """What tells one pattern with its dark and displaced dots from another."""
+    faulty = projector.dropped_dots or projector.shifted_dots_mrad
     return (
-        projector.pattern,
+        emitters(projector)[number].pattern,
         projector.fov_x_deg,
         projector.fov_y_deg,
         projector.pattern_seed,
         projector.dot_density,
         projector.dropped_dots,
         projector.shifted_dots_mrad,
+        number if faulty else 0,  # Intact, equal patterns are one.
     )
 
 
 @lru_cache(maxsize=24)
 def _relative(source: _Source, blur_mrad: float) -> NDArray[np.float32]:
     """Relative irradiance (h, w), read-only; the intact pattern's mean is 1."""
-    name, fov_x_deg, fov_y_deg, seed, density, dropped, shifted_mrad = source
+    name, fov_x_deg, fov_y_deg, seed, density, dropped, shifted_mrad, number = source
+    drawn = f"faults of the pattern, emitter {number}" if number else "faults of the pattern"
     image = faults.irradiance(
         pattern(name, fov_x_deg, fov_y_deg, seed, density),
         dropped=dropped,
         shifted_mrad=shifted_mrad,
         widened_mrad=blur_mrad,
         # The faults belong to the piece of glass, as the pattern does: not to a capture.
-        rng=randomness.generator(seed, 0, "light", "faults of the pattern"),
+        rng=randomness.generator(seed, 0, "light", drawn),
     )
     image.flags.writeable = False
     return image

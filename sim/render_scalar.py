@@ -62,6 +62,8 @@ def _refuse_own_rays(scene: Scene, sensor: Sensor) -> None:
         "scene.sun.irradiance_w_m2": scene.sun.irradiance_w_m2 > 0,
         "scene.other_projector.power_w": scene.other_projector.power_w > 0,
         "projector.defocus_mrad_m": sensor.projector.defocus_mrad_m > 0,
+        "projector.emitters": len(sensor.projector.emitters) > 0,
+        "projector.pattern_scale other than 1": sensor.projector.pattern_scale != 1,
     }
     named = next((name for name, needed in needs.items() if needed), None)
     if named:

@@ -33,11 +33,9 @@ def to_table(tree: Any) -> dict[str, Any]:
                 inner = {"kind": type(value).__name__, **inner}
             table[field.name] = inner
         elif isinstance(value, tuple):
-            # A list of tables that is empty could not be told from none.
-            if value or not _repeated(hints[field.name]):
-                table[field.name] = [
-                    to_table(item) if dataclasses.is_dataclass(item) else item for item in value
-                ]
+            table[field.name] = [
+                to_table(item) if dataclasses.is_dataclass(item) else item for item in value
+            ]
         else:
             table[field.name] = value
     return table
@@ -123,13 +121,6 @@ def _is_union(hint: Any) -> bool:
     return typing.get_origin(hint) in (typing.Union, types.UnionType)
 
 
-def _repeated(hint: Any) -> Any:
-    """Return what a tuple of any length holds; None of any other type."""
-    kinds = typing.get_args(hint)
-    whole = typing.get_origin(hint) is tuple and len(kinds) == 2 and kinds[1] is Ellipsis
-    return kinds[0] if whole else None
-
-
 def refuse_long_integers(value: Any, name: str) -> None:
     """Refuse integers over 64 bits, also inside lists and tables.
 
@@ -170,10 +161,10 @@ def _value(hint: Any, value: Any, name: str) -> Any:
         return _choice(typing.get_args(hint), value, name)
     if origin is tuple:
         kinds = typing.get_args(hint)
-        if kind := _repeated(hint):
+        if kinds[1:] == (Ellipsis,):
             if not isinstance(value, (list, tuple)):
                 raise errors.refuse(name, "must be a list", repr(value), "Give [] for none.")
-            return tuple(_value(kind, item, _join(name, str(i))) for i, item in enumerate(value))
+            return tuple(_value(kinds[0], item, f"{name}.{i}") for i, item in enumerate(value))
         if not isinstance(value, (list, tuple)) or len(value) != len(kinds):
             raise errors.refuse(
                 name, f"must be a list of {len(kinds)}", repr(value), "Give all components."

@@ -6,9 +6,9 @@ disparity (1.4826 times the median deviation) and 6.5 % of pixels without depth 
 
 from __future__ import annotations
 
+from sim.effects import pattern
 from sim.effects.effect import Effect, Parameter, Stage
 
-_PATTERN = "the pattern is rendered into the layers"
 _GOODMAN = "Goodman, Speckle Phenomena in Optics, 2007, ch. 3 and 4"
 
 POWER = Effect(
@@ -69,7 +69,7 @@ DOT_BLUR = Effect(
     ),
     confused_with=("lens_blur", "dot_defocus", "subsurface", "crosstalk"),
     source="variances add under convolution; spot widths in docs/decisions/0004-patterns.md",
-    rerender=_PATTERN,
+    rerender=pattern.RERENDER,
 )
 
 DOT_DEFOCUS = Effect(
@@ -102,7 +102,7 @@ DOT_DEFOCUS = Effect(
     ),
     confused_with=("dot_blur", "near_defocus", "subsurface"),
     source="thin lens: a uniform aperture of width A blurs by sigma = A/4 |1/z - 1/focus|",
-    rerender=_PATTERN,
+    rerender=pattern.RERENDER,
 )
 
 FALLOFF = Effect(
@@ -127,7 +127,7 @@ FALLOFF = Effect(
     ),
     confused_with=("vignetting", "filter_shift"),
     source="cos^n as the usual form of an emitter's profile (Lambertian: n = 1)",
-    rerender=_PATTERN,
+    rerender=pattern.RERENDER,
 )
 
 POSITION = Effect(
@@ -152,9 +152,9 @@ POSITION = Effect(
         "still agree. Stereo depth has no bias (walls: under 0.01 px) but other noise; shadows "
         "of the projector get wider or narrower."
     ),
-    confused_with=("projector_rotation", "wrong_pattern"),
+    confused_with=("projector_rotation", "wrong_pattern", "pattern_scale"),
     source="parallax; public simulators of one camera put its projector at 28, 41 and 0 mm",
-    rerender=_PATTERN,
+    rerender=pattern.RERENDER,
 )
 
 ROTATION = Effect(
@@ -179,9 +179,9 @@ ROTATION = Effect(
         "Stereo depth has no bias (walls: under 0.01 px). Structured light errs by the whole "
         "shift: 0.1 deg is 1.0 px of a Kinect's disparity; pitch takes it off its rows."
     ),
-    confused_with=("projector_position", "wrong_pattern"),
+    confused_with=("projector_position", "wrong_pattern", "pattern_scale"),
     source="rotation of a central projection",
-    rerender=_PATTERN,
+    rerender=pattern.RERENDER,
 )
 
 FIELD = Effect(
@@ -212,89 +212,9 @@ FIELD = Effect(
         "The pattern ends inside the image, with a straight edge that moves with depth, or its "
         "dots are dimmer. 70 x 48 deg instead of 90 x 63: holes 32 % instead of 6.5, outside."
     ),
-    confused_with=("projector_power", "wrong_pattern", "dropped_dots"),
+    confused_with=("projector_power", "wrong_pattern", "dropped_dots", "pattern_scale"),
     source="sources disagree: D435 90 x 63 or 86 x 57 deg (FRAMOS D435e manual, p. 8)",
-    rerender=_PATTERN,
-)
-
-DROPPED = Effect(
-    name="dropped_dots",
-    family="pattern_error",
-    stage=Stage.LIGHT,
-    parameters=(
-        Parameter(
-            name="share",
-            paths=("projector.dropped_dots",),
-            unit="1",
-            neutral=0.0,
-            low=0.02,
-            high=0.6,
-        ),
-    ),
-    imitates="Emitters that died, dirt on the projector's window.",
-    law="Every dot is dark with probability share; its light is lost, the others stay.",
-    shows=(
-        "Dots missing at the same places of the projector's frame, in both imagers. 0.4: noise "
-        "0.31 px and bad pixels 9.7 % instead of 2.9 where windows hold no dot; holes 7.5 %."
-    ),
-    confused_with=("projector_power", "wrong_pattern", "projector_field", "shifted_dots"),
-    source="binomial draw; the share is a device's own, no source gives one",
-    rerender=_PATTERN,
-)
-
-SHIFTED = Effect(
-    name="shifted_dots",
-    family="pattern_error",
-    stage=Stage.LIGHT,
-    parameters=(
-        Parameter(
-            name="sigma_mrad",
-            paths=("projector.shifted_dots_mrad",),
-            unit="mrad",
-            neutral=0.0,
-            low=0.3,
-            high=8.0,
-        ),
-    ),
-    imitates="Emitters and orders off their places in the stored or assumed pattern.",
-    law="Every dot is displaced on two axes by a normal deviate of sigma_mrad.",
-    shows=(
-        "Some dots run together, others leave gaps. 6 mrad: stereo noise 0.20 px, no bias. "
-        "Structured light errs by f sigma over the dots in its window, static in its frame."
-    ),
-    confused_with=("wrong_pattern", "dropped_dots"),
-    source="normal deviates, assumed",
-    rerender=_PATTERN,
-)
-
-WRONG_PATTERN = Effect(
-    name="wrong_pattern",
-    family="pattern_error",
-    stage=Stage.LIGHT,
-    parameters=(
-        Parameter(
-            name="seed",
-            paths=("projector.pattern_seed",),
-            unit="1",
-            neutral=None,
-            choices=(0.0, 1.0, 2.0, 3.0),
-        ),
-    ),
-    imitates="A pattern of the right statistics, but not this device's.",
-    law="Another seed of the generator: other dots, other dark and displaced ones.",
-    shows=(
-        "The infrared image and the template do not correlate, the two imagers do. Each pixel's "
-        "disparity changes by 0.13 px (median), noise and holes as a whole do not."
-    ),
-    confused_with=(
-        "projector_rotation",
-        "projector_position",
-        "shifted_dots",
-        "projector_field",
-        "dropped_dots",
-    ),
-    source="makers publish no patterns (librealsense#3997); see docs/decisions/0004-patterns.md",
-    rerender=_PATTERN,
+    rerender=pattern.RERENDER,
 )
 
 SPECKLE = Effect(
@@ -366,7 +286,8 @@ WAVELENGTH = Effect(
     imitates="A laser that drifts with temperature, out of the imager's filter.",
     law=(
         "The filter passes the laser at its wavelength, less off its centre; energy of a photon "
-        "and width of speckle's grain follow lambda."
+        "and width of speckle's grain follow lambda. Where a diffractive pattern goes to is a "
+        "row of its own, pattern_scale."
     ),
     shows=(
         "With a filter: dots dim, in the corners first or last, where its band has shifted to the "
@@ -385,9 +306,7 @@ ROWS: tuple[Effect, ...] = (
     POSITION,
     ROTATION,
     FIELD,
-    DROPPED,
-    SHIFTED,
-    WRONG_PATTERN,
+    *pattern.ROWS,
     SPECKLE,
     FLICKER,
     WAVELENGTH,

@@ -27,7 +27,7 @@ _PATCHED_PX = 8.0  # What continues from different places is joined up to this s
 _MARGIN_PX = 128  # Beyond the image, for what only the right imager sees.
 
 
-def load(path: Path, sensor: Sensor) -> Scene:
+def load(path: Path, sensor: Sensor, *, smoothing_px: float = 0.0) -> Scene:
     """Turn one scene of a capture set into a scene to simulate.
 
     The infrared image is the reflectance estimate: projector off where that was captured, else
@@ -37,11 +37,14 @@ def load(path: Path, sensor: Sensor) -> Scene:
     Args:
         path: the scene's folder.
         sensor: that the captures are of, as far as its left lens's vignetting goes.
+        smoothing_px: sigma of a Gaussian that the image is smoothed by as it is, dots and all, so
+            that nothing of its detail gets into the scene; 0 takes out the dots instead.
 
     Raises:
-        InputError: if the folder is no scene of a capture set, or has no reference depth or no
-            infrared image.
+        InputError: if smoothing_px is not 0 to 100, the folder is no scene of a capture set, or
+            has no reference depth or no infrared image.
     """
+    errors.in_interval("smoothing_px", smoothing_px, 0.0, 100.0, "12 leaves no dots.")
     captures = open_set(path)
     if len(captures.scenes) != 1:
         raise errors.refuse(
@@ -57,7 +60,11 @@ def load(path: Path, sensor: Sensor) -> Scene:
         )
     disparity = disparity_from_depth(truth, focal_px=info.fx_px, baseline_m=info.baseline_m)
     surface = _widened(depth_mesh.smoothed(depth_mesh.closed(disparity)))
-    level = _without_dots(lit, info.black_level_dn or 0.0, dots=frame.ir_left_off is None)
+    level = np.maximum(lit.astype(np.float32) - np.float32(info.black_level_dn or 0.0), 0)
+    if smoothing_px > 0:
+        level = np.asarray(cv2.GaussianBlur(level, (0, 0), smoothing_px), np.float32)
+    elif frame.ir_left_off is None:
+        level = np.maximum(dots_off.removed(level), 0)
     albedo = np.pad(
         _reflectance(level / _seen_share(info, sensor)),
         ((0, 0), (_MARGIN_PX, _MARGIN_PX)),
@@ -98,12 +105,6 @@ def load(path: Path, sensor: Sensor) -> Scene:
 
 def _widened(disparity: Array) -> Array:
     return np.pad(disparity, ((0, 0), (_MARGIN_PX, _MARGIN_PX)), mode="edge")
-
-
-def _without_dots(infrared: NDArray, black_level_dn: float, *, dots: bool) -> Array:
-    """Level above black [DN] (h, w), less the projector's dots."""
-    level = np.maximum(infrared.astype(np.float32) - np.float32(black_level_dn), 0)
-    return np.maximum(dots_off.removed(level), 0) if dots else level
 
 
 def _seen_share(info: CaptureInfo, sensor: Sensor) -> Array:

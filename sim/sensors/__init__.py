@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import os
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -30,6 +32,9 @@ def summary() -> dict[str, dict[str, Any]]:
 def load(name: str) -> Sensor:
     """Load a preset by name, or a sensor file by its path (`.toml`).
 
+    Image files that a sensor file names as patterns are looked for from its own folder, so that
+    the folder can be moved as a whole.
+
     Raises:
         InputError: unknown preset (the known ones are listed, nearest first), unreadable file,
             or a refused value.
@@ -46,8 +51,22 @@ def text(name: str) -> str:
     return (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
 
 
+def anchored(sensor: Sensor, folder: str | Path) -> Sensor:
+    """Give patterns' image files their full paths, from a folder: what has a suffix is a file."""
+    part = sensor.projector
+
+    def full(name: str) -> str:
+        return os.path.abspath(Path(folder) / name) if Path(name).suffix else name
+
+    emitters = tuple(
+        dataclasses.replace(emitter, pattern=full(emitter.pattern)) for emitter in part.emitters
+    )
+    part = dataclasses.replace(part, pattern=full(part.pattern), emitters=emitters)
+    return dataclasses.replace(sensor, projector=part)
+
+
 def dumps(sensor: Sensor) -> str:
-    """Write a sensor as TOML text that `load` reads back equal."""
+    """Write a sensor as TOML text that `load` reads back equal (see there for patterns' files)."""
     return tomli_w.dumps(structure.to_table(sensor))
 
 
@@ -60,7 +79,7 @@ def _read(path: Path) -> Sensor:
         ) from None
     except (ValueError, RecursionError) as error:  # No TOML, no UTF-8, or nested too deep.
         raise errors.refuse("sensor", "must be TOML", path, f"{error}.") from None
-    return from_table(table)
+    return anchored(from_table(table), path.parent)
 
 
 def from_table(table: dict[str, Any]) -> Sensor:

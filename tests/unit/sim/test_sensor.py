@@ -11,6 +11,7 @@ import pytest
 from patterns.errors import InputError
 from sim import asked_sensor, sensor_edits, sensors
 from sim.matcher import Block
+from sim.parts.emitter import Emitter
 from sim.sensor import Imager, Lens, Post, Projector, Sensor
 
 GEOMETRY = {
@@ -109,6 +110,11 @@ def test_missing_file_is_refused() -> None:
         (Projector, {"power_w": -1.0}, r"projector.power_w must be in"),
         (Projector, {"position_m": (0.0, 999.0, 0.0)}, r"projector.position_m.y must be in"),
         (Projector, {"pattern": ""}, r"projector.pattern must name a pattern; got ''"),
+        (Projector, {"pattern_scale": 0.0}, r"projector.pattern_scale must be in \[0.9, 1.1\]"),
+        (Projector, {"emitters": (Emitter(),) * 17}, r"number of projector.emitters .*; got 17"),
+        (Emitter, {"power_share": 0.0}, r"projector.emitters.power_share must be > 0; got 0.0"),
+        (Emitter, {"offset_m": (0.0, 26.0, 0.0)}, r"emitters.offset_m.y must be in .*; got 26"),
+        (Emitter, {"rotation_deg": (0, 0, 361)}, r"emitters.rotation_deg.z must be in"),
         (Post, {"depth_unit_m": 0.0}, r"post.depth_unit_m must be > 0"),
         (Post, {"near_m": 3.0, "far_m": 2.0}, r"post.far_m must be > post.near_m; got 2.0"),
         (Sensor, {**GEOMETRY, "baseline_m": -0.05}, r"baseline_m must be > 0; got -0.05. The left"),
@@ -203,6 +209,41 @@ def test_a_pattern_file_is_found_from_elsewhere(
     for name, kept in {"dots.png": str(tmp_path / "dots.png"), "d415": "d415"}.items():
         sensor = asked_sensor.load("d435", captures="wall", edits=[f"projector.pattern={name}"])
         assert sensor.projector.pattern == kept
+
+
+def test_emitters_survive_the_round_trip(tmp_path: Path) -> None:
+    emitters = (Emitter(offset_m=(-1e-3, 0, 0), power_share=2.0), Emitter(pattern="d415"))
+    light = Projector(emitters=emitters, pattern_scale=1.002)
+    sensor = dataclasses.replace(_sensor(), projector=light)
+    (tmp_path / "x.toml").write_text(sensors.dumps(sensor))
+    assert sensors.load(str(tmp_path / "x.toml")) == sensor
+    text = '[{offset_m = [-0.001, 0, 0], power_share = 2}, {pattern = "d415"}]'
+    edits = [f"projector.emitters={text}", "projector.pattern_scale=1.002"]
+    assert sensor_edits.apply(_sensor(), edits) == sensor
+    with pytest.raises(InputError, match=r"projector\.emitters has no fields; got \.0\.pattern"):
+        sensor_edits.apply(sensor, ["projector.emitters.0.pattern=x.png"])
+
+
+def test_a_sensor_files_patterns_lie_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder can be moved; an edit's file is looked for from where it is typed."""
+    light = Projector(
+        pattern="all.png", emitters=(Emitter(pattern="a/0.png"), Emitter(pattern="d415"))
+    )
+    text = sensors.dumps(dataclasses.replace(_sensor(), projector=light))
+    for folder in ("here", "moved"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "mine.toml").write_text(text)
+        monkeypatch.chdir(tmp_path)
+        for name in (f"{folder}/mine.toml", str(tmp_path / folder / "mine.toml")):
+            part = sensors.load(name).projector
+            assert part.pattern == str(tmp_path / folder / "all.png")
+            patterns = [emitter.pattern for emitter in part.emitters]
+            assert patterns == [str(tmp_path / folder / "a" / "0.png"), "d415"]
+        edited = asked_sensor.load(name, edits=["projector.pattern=b/typed.png"]).projector
+        assert edited.pattern == str(tmp_path / "b" / "typed.png")
+        assert edited.emitters == part.emitters
 
 
 def test_a_sensor_cannot_be_changed_in_place() -> None:

@@ -33,9 +33,12 @@ class Tree:
     place_m: tuple[float, float] = (0.0, 0.0)
     count: int = 0
     bits: Literal[8, 10] = 8
+    branches: tuple[Round, ...] = ()
 
 
-TREE = Tree(shape=Square(side_m=2.0), label="x", place_m=(1.0, 2.0))
+TREE = Tree(
+    shape=Square(side_m=2.0), label="x", place_m=(1.0, 2.0), branches=(Round(), Round(radius_m=2))
+)
 
 
 def test_round_trip_through_toml() -> None:
@@ -68,6 +71,9 @@ def test_whole_numbers_stand_for_floats() -> None:
         ({"bits": "8"}, r"bits must be one of 8, 10; got '8'"),
         ({"place_m": 3}, "place_m must be a list of 2"),
         ({"place_m": [1, "2"]}, "place_m must be of type float; got '2'"),
+        ({"branches": 3}, r"branches must be a list; got 3. Give \[\] for none."),
+        ({"branches": [{}, 3]}, r"branches.1 must be a table; got 3"),
+        ({"branches": [{"radus_m": 1}]}, r"key in branches.0 must be .*Known: radius_m"),
         ({"count": True}, "count must be of type int; got True"),
         ({"count": 1.5}, "count must be of type int; got 1.5"),
         ({"label": 3}, "label must be of type str; got 3"),
@@ -94,6 +100,7 @@ def test_edits() -> None:
     assert structure.edit(TREE, "shape.side_m", 3).shape == Square(side_m=3.0)
     assert structure.edit(TREE, "shape", {"kind": "Round"}).shape == Round()
     assert structure.edit(TREE, "label", "y").label == "y"
+    assert structure.edit(TREE, "branches", [{}]).branches == (Round(),)
     assert structure.edit(TREE, "place_m", [3, 4]).place_m == (3.0, 4.0)
     with pytest.raises(InputError, match=r"field in shape must be a known name; got 'radius_m'"):
         structure.edit(TREE, "shape.radius_m", 3)

@@ -1,0 +1,157 @@
+"""How like a held-out scene's real infrared its re-simulation is.
+
+The scene's surface is its reference; its reflectance is its own left image, smoothed until no dot is
+left in it. Everything else comes from the calibrated sensor, but for one number: the scene's pattern
+scale, as the laser's wavelength drifts with temperature and nobody measured that.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import correlation
+from calibration.observation import Observation
+from patterns import errors
+from sim import metrics
+from sim.depth import disparity_from_depth
+from sim.sensor import Imager, Sensor
+
+Array = NDArray[np.float32]
+Side = Literal["left", "right"]
+
+SMOOTHING_PX = 12.0  # Of the image that a held-out scene's reflectance is made of, and no narrower.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Scored:
+    """One held-out scene."""
+
+    scene: str
+    room: str
+    scale: float  # Pattern scale that its images were simulated with.
+    real: dict[Side, Array]  # (h, w) [DN]
+    simulated: dict[Side, Array]  # (h, w) [DN], without noise.
+    ncc: dict[Side, Array]  # (n,) of the windows, simulated against real.
+    mirrored: dict[Side, Array]  # Likewise with the pattern turned over: chance.
+    ceiling: Array  # (n,) of the windows: real right image in the left view against the left.
+
+
+def score(
+    observation: Observation, sensor: Sensor, *, scale: float = 1.0, mirrored: Sensor | None = None
+) -> Scored:
+    """Simulate a held-out scene and compare it with what the camera saw.
+
+    Args:
+        observation: loaded with `smoothing_px=SMOOTHING_PX`, with infrared and a surface.
+        sensor: calibrated on other scenes.
+        scale: the scene's pattern scale.
+        mirrored: the same sensor with its patterns turned over, for the control.
+
+    Raises:
+        InputError: if images or surface are missing.
+    """
+    if observation.left is None or observation.scene is None:
+        raise errors.refuse(
+            f"held-out scene {observation.name}",
+            "must have infrared images and a surface",
+            "less",
+            "Hold out another one.",
+        )
+    real: dict[Side, Array] = {"left": observation.left}
+    if observation.right is not None:
+        real["right"] = observation.right
+    simulated, depth = simulate(observation, sensor, scale)
+    control = simulate(observation, mirrored, scale)[0] if mirrored else {}
+    usable = {side: _usable(observation, sensor, side, depth[side]) for side in real}
+    high = {side: correlation.high_passed(image) for side, image in real.items()}
+
+    def compared(images: dict[Side, Array]) -> dict[Side, Array]:
+        return {
+            side: correlation.local_ncc(
+                high[side], correlation.high_passed(images[side]), usable[side]
+            )
+            for side in real
+            if side in images
+        }
+
+    return Scored(
+        scene=observation.name,
+        room=observation.room,
+        scale=scale,
+        real=real,
+        simulated=simulated,
+        ncc=compared(simulated),
+        mirrored=compared(control),
+        ceiling=_ceiling(observation, high["left"]),
+    )
+
+
+def simulate(
+    observation: Observation, sensor: Sensor, scale: float
+) -> tuple[dict[Side, Array], dict[Side, Array]]:
+    """Infrared images [DN] without noise, and the depths [m] that each imager sees, (h, w) each."""
+    from sim import render
+    from sim.simulate import infrared
+    from sim.stage import Stage
+
+    assert observation.scene is not None
+    light = dataclasses.replace(
+        sensor.projector, pattern_scale=scale, speckle_contrast=0.0, flicker=0.0
+    )
+    quiet = dataclasses.replace(
+        sensor, projector=light, left=_quiet(sensor.left), right=_quiet(sensor.right)
+    )
+    stage = Stage(observation.scene)
+    layers = render.layers(stage, quiet)
+    pair = infrared(layers, stage.scene, quiet)
+    unit = np.float32(sensor.left.ceiling_dn / quiet.left.ceiling_dn)
+    images: dict[Side, Array] = {"left": pair.left * unit}
+    depth: dict[Side, Array] = {"left": layers.left.depth_m}
+    if pair.right is not None and layers.right is not None:
+        images["right"], depth["right"] = pair.right * unit, layers.right.depth_m
+    return images, depth
+
+
+def _quiet(imager: Imager) -> Imager:
+    """The imager without noise, and with codes too fine to matter."""
+    return dataclasses.replace(
+        imager,
+        shot_noise=0.0,
+        read_noise_e=0.0,
+        prnu=0.0,
+        dsnu_e=0.0,
+        dark_current_e_s=0.0,
+        row_noise_e=0.0,
+        column_noise_e=0.0,
+        hot_pixels=0.0,
+        bit_depth=16,
+        black_level_dn=0.0,
+    )
+
+
+def _usable(
+    observation: Observation, sensor: Sensor, side: Side, depth_m: Array
+) -> NDArray[np.bool_]:
+    disparity = disparity_from_depth(depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m)
+    usable = np.isfinite(disparity) & ~metrics.depth_edges(disparity)
+    if side == "left" and observation.truth_m is not None:
+        usable &= np.isfinite(observation.truth_m)
+    return usable
+
+
+def _ceiling(observation: Observation, left: Array) -> Array:
+    """How like the left image its own camera's right one is, warped by the reference."""
+    if observation.right is None or observation.truth_m is None:
+        return np.empty(0, np.float32)
+    info = observation.info
+    disparity = disparity_from_depth(
+        observation.truth_m, focal_px=info.fx_px, baseline_m=info.baseline_m
+    )
+    warped, inside = correlation.right_in_left(observation.right, disparity)
+    usable = inside & ~metrics.depth_edges(disparity)
+    return correlation.local_ncc(left, correlation.high_passed(warped), usable)

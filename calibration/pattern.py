@@ -1,0 +1,168 @@
+"""Recover a projector's pattern from captures of known surfaces, with where its emitters stand.
+
+First as an image, by least squares. Where its spectrum shows lattices, each is an emitter's and is
+fitted itself; else image, place and scales are solved in turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import emission, emitter_model, lattice, modulation, pattern_fit, unprojected
+from calibration.cosine_image import Grid
+from calibration.emitter_model import Emission, Model
+from calibration.lattice import Lattice
+from calibration.modulation import Modulation
+from calibration.pattern_fit import Fitted
+from calibration.unprojected import PatternImage, Placed
+from calibration.views import View
+from patterns import errors
+from sim import progress
+from sim import projector as light
+from sim.sensor import Sensor
+
+_ROUNDS = 4  # Of image and place in turn.
+_STEPS_BETWEEN = 2  # Of the place, between two images.
+_TEXELS_PER_PIXEL = 0.9  # Of the pattern's image, over the imager's pixels on the axis.
+_MARGIN = 1.02  # The grid's extent over the field's.
+_SCALES = np.arange(-6e-3, 6.01e-3, 5e-4)  # Pattern scales less 1 that a scene may begin from.
+_EVERY_PX = 3  # Pixels between those that a scale is looked for on.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Recovered:
+    """A pattern, its emitters, and the image it was first seen as."""
+
+    fitted: Fitted
+    image: PatternImage  # As from one emitter at the projector's place, mean scale.
+
+    @property
+    def lattices(self) -> tuple[Lattice, ...]:
+        """The emitters' lattices; empty where the pattern is an image."""
+        sources = [one.source for one in self.fitted.model.emitters]
+        return tuple(source for source in sources if isinstance(source, Lattice))
+
+
+def recover(
+    views: Sequence[View], sensor: Sensor, *, tell: progress.Progress = progress.silent
+) -> Recovered:
+    """Recover the pattern that some views show.
+
+    Args:
+        views: of lit surfaces that are known.
+        sensor: whose projector's place and field are believed at first.
+        tell: wraps the loop over steps.
+
+    Raises:
+        InputError: if no view shows anything of the projector's field.
+    """
+    if not any(view.usable.any() for view in views):
+        raise errors.refuse(
+            "captures", "must show surfaces that the projector lights", "none", "Check its place."
+        )
+    scenes = dict.fromkeys((view.scene for view in views), 1.0)
+    start = Model(
+        emitters=(),
+        rotation_deg=sensor.projector.rotation_deg,
+        scales=scenes,
+    )
+    position = np.asarray(sensor.projector.position_m, np.float64)
+    grid = _grid(sensor)
+    seen = {id(view): modulation_of(view, sensor) for view in views}
+    image = _image(views, sensor, start, position, grid, seen)
+    lattices = lattice.find(image)
+    if lattices:
+        emitters = tuple(Emission(position_m=position, source=found) for found in lattices)
+        return Recovered(
+            fitted=pattern_fit.fit(views, sensor, replace(start, emitters=emitters)), image=image
+        )
+    fitted = None
+    for _ in tell(range(_ROUNDS), "pattern"):
+        emitters = (Emission(position_m=position, source=image),)
+        fitted = pattern_fit.fit(
+            views, sensor, replace(start, emitters=emitters), steps=_STEPS_BETWEEN
+        )
+        start, position = fitted.model, fitted.model.emitters[0].position_m
+        image = _image(views, sensor, start, position, grid, seen)
+    assert fitted is not None
+    return Recovered(fitted=fitted, image=image)
+
+
+def scene_scale(views: Sequence[View], sensor: Sensor, model: Model) -> float:
+    """Pattern scale at which a scene shows a recovered pattern: one number, all else held.
+
+    Args:
+        views: of one scene.
+        sensor: of the captures.
+        model: recovered from other scenes.
+    """
+    modulated = [(view, modulation_of(view, sensor)) for view in views]
+    scores = [
+        sum(_agreement(view, seen, sensor, model, 1 + off) for view, seen in modulated)
+        for off in _SCALES
+    ]
+    scale = 1 + float(_SCALES[int(np.argmax(scores))])
+    name = views[0].scene
+    fitted = pattern_fit.fit(
+        views,
+        sensor,
+        replace(model, scales={name: scale}),
+        only=(emitter_model.of_scene(name),),
+    )
+    return fitted.model.scales[name]
+
+
+def modulation_of(view: View, sensor: Sensor) -> Modulation:
+    """Take reflectance and level out of a view, as its sensor's noise allows."""
+    return modulation.of(
+        view,
+        dn_per_electron=sensor.left.dn_per_electron,
+        black_level_dn=sensor.left.black_level_dn,
+    )
+
+
+def _grid(sensor: Sensor) -> Grid:
+    half_x, half_y = (_MARGIN * half for half in light.half_tangents(sensor.projector))
+    return Grid(
+        half_a=half_x / np.hypot(1, half_x),
+        half_b=half_y / np.hypot(1, half_y),
+        step=1 / (_TEXELS_PER_PIXEL * sensor.fx_px),
+    )
+
+
+def _image(
+    views: Sequence[View],
+    sensor: Sensor,
+    model: Model,
+    position: NDArray[np.float64],
+    grid: Grid,
+    seen: Mapping[int, Modulation],
+) -> PatternImage:
+    """Solve for the pattern as an image, all else as the model has it."""
+    placed = []
+    for view in views:
+        points = pattern_fit.seen_of(view, sensor).moved(model.alignment)
+        there = emission.directions(
+            points,
+            position_m=position,
+            rotation_deg=model.rotation_deg,
+            scale=model.scales[view.scene],
+        )
+        cosines = np.where(np.isfinite(there.cosines), there.cosines, np.float32(9))
+        placed.append(Placed(modulation=seen[id(view)], cosines=cosines))
+    return unprojected.solve(placed, grid)
+
+
+def _agreement(
+    view: View, modulated: Modulation, sensor: Sensor, model: Model, scale: float
+) -> float:
+    """Correlation of a view with what a model lays on it at one scale, up to a factor."""
+    seen = pattern_fit.seen_of(view, sensor, _EVERY_PX)
+    laid = np.sum([one.light for one in emitter_model.lay(seen, model, scale)], axis=0)
+    every = (slice(None, None, _EVERY_PX), slice(None, None, _EVERY_PX))
+    usable = modulated.weight[every].ravel() > 0
+    return float(np.corrcoef(modulated.value[every].ravel()[usable], laid[usable])[0, 1])

@@ -1,0 +1,125 @@
+"""How sure a fit is, and what its captures leave open.
+
+Residuals of one place go together: the imager's averaging, speckle, and what the surface's model
+gets wrong tie neighbours. Their sum over a place is one draw, and the spread of these sums
+says how far the fit would move with other captures: C = H^-1 (sum s s' + I) H^-1, H the information,
+s the places' parts of the gradient, I the tolerances, which count as measurements of deviation 1.
+
+Sources: White, Econometrica 50, 1982; Liang and Zeger, Biometrika 73, 1986 (clusters).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.parameters import Parameter
+
+Matrix = NDArray[np.float64]
+
+OPEN = 0.4  # Deviation over tolerance from which on a direction was not determined.
+_NAMED = 0.3  # Least part of a parameter in a direction to be named with it.
+_OPEN_SHARE = 0.5  # Of a parameter's variance, from open directions: it was not determined either.
+_LEAST_SD = 0.02  # In tolerances: below, a parameter was determined wherever its variance is from.
+
+
+class Clustered(Protocol):
+    """Normal equations in tolerances, and the parts of clusters in them."""
+
+    @property
+    def information(self) -> Matrix:
+        """(p, p), the tolerances' own not in it."""
+        ...
+
+    @property
+    def gradient(self) -> Matrix:
+        """(p,) of half the cost."""
+        ...
+
+    @property
+    def scores(self) -> Matrix:
+        """(clusters, p) parts of the gradient."""
+        ...
+
+    @property
+    def shares(self) -> Matrix:
+        """(clusters, p, p) parts of the information."""
+        ...
+
+    @property
+    def stiffness(self) -> float:
+        """The cost's curvature over the information."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Uncertainty:
+    """Of p parameters, in units of their tolerances."""
+
+    covariance: Matrix  # (p, p), what is open held by the tolerances alone.
+    open: NDArray[np.bool_]  # (p,) parameters that the captures do not determine.
+    directions: Matrix  # (q, p) unit combinations that they do not determine, worst first.
+
+
+def of(equations: Clustered) -> Uncertainty:
+    """Sandwich covariance with clusters, and what is open.
+
+    A cluster that weighs much pulls the fit towards itself, and its residuals seem smaller than
+    its errors; each one's score is what it would be of a fit without it (CR3).
+
+    Args:
+        equations: where the fit ended.
+
+    Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (CR3, the jackknife).
+    """
+    count = len(equations.gradient)
+    stiff = equations.information * equations.stiffness + np.eye(count)
+    inverse = np.linalg.inv(stiff)
+    own = equations.shares * equations.stiffness @ inverse
+    alone = np.linalg.solve(np.eye(count) - own, equations.scores[..., None])[..., 0]
+    covariance = inverse @ (alone.T @ alone + np.eye(count)) @ inverse
+    # What is open shows in the information: there, the spread of few scores says nothing.
+    value, vector = np.linalg.eigh(inverse)
+    worst = np.flatnonzero(value > OPEN**2)[::-1]
+    directions = vector[:, worst].T
+    from_open = (directions**2 * value[worst, None]).sum(axis=0)
+    whole = np.diagonal(inverse)
+    undetermined = (from_open > _OPEN_SHARE * whole) & (whole > _LEAST_SD**2)
+    return Uncertainty(
+        covariance=(covariance + covariance.T) / 2, open=undetermined, directions=directions
+    )
+
+
+def sentences(found: Uncertainty, free: Sequence[Parameter]) -> tuple[str, ...]:
+    """Say of each open direction which parameters it mixes, and which capture would tell them."""
+    out = []
+    for direction in found.directions:
+        order = np.argsort(-np.abs(direction))
+        part = np.abs(direction[order])
+        named = [
+            free[i].name
+            for i, share in zip(order, part, strict=True)
+            if share > _NAMED or (found.open[i] and share > 0.1)
+        ]
+        out.append(_sentence(named))
+    return tuple(out)
+
+
+def _sentence(names: Sequence[str]) -> str:
+    remedy = _remedy(names)
+    if len(names) == 1:
+        return f"{names[0]} is not determined by these captures: {remedy}"
+    listed = f"{', '.join(names[:-1])} and {names[-1]}"
+    return f"{listed} cannot be told apart: {remedy}"
+
+
+def _remedy(names: Sequence[str]) -> str:
+    if "fx_px" in names or "projector.field" in names or "baseline_m" in names:
+        return "capture surfaces at several distances whose shape and pose are known in metres."
+    if "projector.dot_blur_mrad" in names:
+        return "capture with more light, or nearer."
+    return "capture a wall at a second distance, filling the image."

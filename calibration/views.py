@@ -1,0 +1,101 @@
+"""One imager's image of a captured scene, with the surface point that each pixel shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.observation import Observation
+from patterns import errors
+from sim import metrics
+from sim.depth import disparity_from_depth
+from sim.sensor import Sensor
+
+Array = NDArray[np.floating[Any]]
+Mask = NDArray[np.bool_]
+
+_NEAR_SHADOW_PX = 2  # Pixels this near a shadow's edge are left out: the reference is unsure there.
+_BURNT_SHARE = 0.98  # Of the highest code: levels from here on are clipped.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class View:
+    """What one imager saw, and where."""
+
+    scene: str
+    room: str
+    side: Literal["left", "right"]
+    level_dn: Array  # (h, w), black level included.
+    points_m: Array  # (h, w, 3) in the left imager's frame; NaN where nothing is known.
+    usable: Mask  # Known, lit, unsaturated and away from edges of depth and shadow.
+
+
+def of(observation: Observation, sensor: Sensor) -> tuple[View, ...]:
+    """Make the views of an observation, left and right, as the sensor's geometry places them.
+
+    Args:
+        observation: with infrared images and a surface.
+        sensor: whose intrinsics, baseline and projector are believed for now.
+
+    Raises:
+        InputError: if infrared images or surface are missing.
+    """
+    from sim import render
+    from sim.stage import Stage
+
+    if observation.scene is None or observation.left is None:
+        raise errors.refuse(
+            f"scene {observation.name}",
+            "must have infrared images and reference depth or a posed mesh",
+            "less",
+            "Fit what depth alone can tell by captures without infrared.",
+        )
+    layers = render.layers(Stage(observation.scene), sensor, subpixels=1)
+    views = [_view(observation, sensor, "left", observation.left, layers.left)]
+    if observation.right is not None and layers.right is not None:
+        views.append(_view(observation, sensor, "right", observation.right, layers.right))
+    return tuple(views)
+
+
+def _view(
+    observation: Observation,
+    sensor: Sensor,
+    side: Literal["left", "right"],
+    level_dn: Array,
+    rendered: object,
+) -> View:
+    from sim.layers import View as Rendered
+
+    assert isinstance(rendered, Rendered)
+    depth = rendered.depth_m
+    disparity = disparity_from_depth(depth, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m)
+    usable = np.isfinite(depth) & ~metrics.depth_edges(disparity)
+    side_px = 2 * _NEAR_SHADOW_PX + 1
+    lit = (rendered.projector_direct > 0).astype(np.uint8)
+    usable &= cv2.erode(lit, np.ones((side_px, side_px), np.uint8)).astype(bool)
+    usable &= level_dn < _BURNT_SHARE * sensor.left.ceiling_dn
+    if side == "left" and observation.truth_m is not None and not observation.metric:
+        usable &= np.isfinite(observation.truth_m)
+    return View(
+        scene=observation.name,
+        room=observation.room,
+        side=side,
+        level_dn=level_dn,
+        points_m=_points(depth, sensor, sensor.baseline_m if side == "right" else 0.0),
+        usable=usable,
+    )
+
+
+def _points(depth_m: Array, sensor: Sensor, shift_m: float) -> Array:
+    height, width = depth_m.shape
+    x = (np.arange(width, dtype=np.float32) - np.float32(sensor.cx_px)) / np.float32(sensor.fx_px)
+    y = (np.arange(height, dtype=np.float32) - np.float32(sensor.cy_px)) / np.float32(sensor.fy_px)
+    points = np.empty((height, width, 3), np.float32)
+    points[..., 0] = x[None, :] * depth_m + np.float32(shift_m)
+    points[..., 1] = y[:, None] * depth_m
+    points[..., 2] = depth_m
+    return points

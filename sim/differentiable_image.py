@@ -1,0 +1,134 @@
+"""The dots as an imager's pixels hold them, and their derivatives: lens, alignment, resampling.
+
+All of it is linear in light and acts on derivatives as on the image. What moves or widens the
+image is differentiated here: the alignment of the right imager, and the width of the dots.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from patterns import errors
+from sim.differentiable import PARAMETERS, Linear, Traced
+from sim.differentiable_rig import RAY
+from sim.imager import smoothing
+from sim.layers import Image
+from sim.optics import alignment, shading, spot
+from sim.parts.lens import Alignment
+from sim.pinhole import Pinhole
+
+_STEPS = {"offset_x_px": 1e-3, "offset_y_px": 1e-3, "roll_deg": 1e-3, "pitch_deg": 1e-3}
+_STEPS["yaw_deg"] = 1e-3
+ALIGNMENT = tuple(f"right.alignment.{name}" for name in _STEPS)
+DOT_VARIANCE = "projector.dot_variance_mrad2"  # Of `projector.dot_blur_mrad`, squared.
+ALL = (*PARAMETERS, *ALIGNMENT, DOT_VARIANCE)
+
+
+def formed(traced: Traced, names: tuple[str, ...] = ()) -> Linear:
+    """The projector's light of 1 W as an imager's pixels hold it, up to a constant.
+
+    Vignetting is in it; speckle, noise, filters and glare are not.
+
+    Args:
+        traced: of one imager.
+        names: of `ALL`. The right imager's alignment leaves the left image as it is.
+
+    Returns:
+        Image and derivatives, in any one unit. The derivative by the dots' variance takes them to
+        widen in the image as a Gaussian does, alike in all directions.
+
+    Raises:
+        InputError: an unknown name.
+    """
+    for name in names:
+        errors.one_of("parameter", name, ALL)
+    right = traced.side == "right"
+    moving = tuple(n.removeprefix("right.alignment.") for n in names if n in ALIGNMENT and right)
+    inner = [name for name in names if name in PARAMETERS]
+    linear = traced.linear(tuple(dict.fromkeys([*inner, *(RAY if moving else ())])))
+    parts = dict(zip(linear.columns, _seen(traced, (*linear.columns.values(),)), strict=True))
+    (image,) = _seen(traced, (linear.image,))
+    imager = traced.sensor.right if right else traced.sensor.left
+    columns: dict[str, Image] = {}
+    for name in names:
+        if name in PARAMETERS:
+            columns[name] = parts[name]
+        elif name == DOT_VARIANCE:
+            scale = np.float32(0.5 * (1e-3 * traced.sensor.fx_px) ** 2)
+            columns[name] = cv2.Laplacian(image, cv2.CV_32F) * scale
+        elif right:
+            shift = _slid(imager.alignment, Pinhole.of(traced.sensor), name.rpartition(".")[2])
+            columns[name] = parts[RAY[0]] * shift[0] + parts[RAY[1]] * shift[1]
+        else:
+            columns[name] = np.zeros_like(image)
+    return Linear(image=image, columns=columns)
+
+
+def flow(traced: Traced, names: tuple[str, ...]) -> dict[str, NDArray[np.float32]]:
+    """How fast dots move over the image, (h, w, 2) [px] a unit of each parameter.
+
+    As `Traced.flow`, with what moves the right image; 0 for what moves nothing.
+
+    Args:
+        traced: of one imager.
+        names: of `ALL`.
+
+    Raises:
+        InputError: an unknown name.
+    """
+    for name in names:
+        errors.one_of("parameter", name, ALL)
+    found = traced.flow(tuple(name for name in names if name in PARAMETERS))
+    for name in names:
+        if name in found:
+            continue
+        found[name] = np.zeros((*traced.depth_m.shape, 2), np.float32)
+        if name in ALIGNMENT and traced.side == "right":
+            aligned, pinhole = traced.sensor.right.alignment, Pinhole.of(traced.sensor)
+            slid = _slid(aligned, pinhole, name.rpartition(".")[2])
+            found[name] = -np.stack(slid, axis=-1)
+    return found
+
+
+def _seen(traced: Traced, parts: tuple[Image, ...]) -> tuple[Image, ...]:
+    """Blur, move, dim and average images as the imager does."""
+    imager = traced.sensor.left if traced.side == "left" else traced.sensor.right
+    pinhole = Pinhole.of(traced.sensor)
+    parts = spot.blurred(parts, traced.depth_m, imager.lens, pinhole)
+    parts = alignment.moved(parts, imager.alignment, pinhole)
+    if imager.lens.vignetting > 0:
+        dimmed = shading.vignetting(imager.lens.vignetting, pinhole)
+        parts = tuple(part * dimmed for part in parts)
+    return tuple(smoothing.smoothed(part, imager.smoothing_px) for part in parts)
+
+
+def _slid(
+    aligned: Alignment, pinhole: Pinhole, name: str
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Derivative (h, w) of where a pixel of the seen image lies in the ideal one, x and y."""
+    step = _STEPS[name]
+    ends = [
+        _ideal(dataclasses.replace(aligned, **{name: getattr(aligned, name) + way}), pinhole)
+        for way in (step, -step)
+    ]
+    x, y = ((ends[0][i] - ends[1][i]) / (2 * step) for i in range(2))
+    return x.astype(np.float32), y.astype(np.float32)
+
+
+def _ideal(aligned: Alignment, pinhole: Pinhole) -> tuple[NDArray, NDArray]:
+    """Where the pixels of a misaligned imager lie in the ideal image, x and y (h, w) [px].
+
+    The map of `sim.optics.alignment`, steps 1 to 3, in double precision.
+    """
+    y, x = np.mgrid[: pinhole.height, : pinhole.width].astype(np.float64)
+    x, y = x - aligned.offset_x_px, y - aligned.offset_y_px
+    across, down = x - pinhole.cx_px, y - pinhole.cy_px
+    inwards = aligned.distortion_px / pinhole.half_diagonal_px**3
+    shrink = inwards * (across**2 + down**2)
+    seen = np.stack([x - shrink * across, y - shrink * down, np.ones_like(x)])
+    ideal = np.tensordot(alignment.homography(aligned, pinhole), seen, axes=1)
+    return ideal[0] / ideal[2], ideal[1] / ideal[2]

@@ -1,0 +1,306 @@
+"""Derivatives of the projector's light by the rig: forward and backward mode, and differences."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration import parameters
+from patterns.errors import InputError
+from sim import differentiable, differentiable_image, render, sensors
+from sim.parts.emitter import Emitter
+from sim.pinhole import Pinhole
+from sim.scene import ModelError, Motion, Scene
+from sim.scenes import builtin
+from sim.sensor import Sensor
+from sim.sensor_edits import with_values
+from sim.stage import Stage
+
+# Steps that move dots by some hundredths of a pixel: further, and a difference runs over several
+# kinks of the linearly interpolated pattern; less, and single precision shows.
+STEPS = {
+    "fx_px": 0.03,
+    "cx_px": 0.02,
+    "cy_px": 0.02,
+    "baseline_m": 1e-4,
+    "projector.position_m.x": 1e-4,
+    "projector.position_m.y": 1e-4,
+    "projector.position_m.z": 1e-3,
+    "projector.rotation_deg.x": 0.01,
+    "projector.rotation_deg.y": 0.01,
+    "projector.rotation_deg.z": 0.02,
+    "projector.field": 2e-4,
+    "projector.pattern_scale": 2e-4,
+}
+# Root mean square of what differences miss, over the derivative's own. A difference over h px of
+# a pattern whose pixels are p px wide mixes two slopes in h / p of all places: some percent.
+AGREEMENT = 0.03
+
+
+def small(**changes: object) -> Sensor:
+    """A sensor of 160x96 with a turned projector."""
+    sensor = sensors.load("d435")
+    values = {
+        "width": 160,
+        "height": 96,
+        "fx_px": 120.0,
+        "fy_px": 118.0,
+        "cx_px": 81.3,
+        "cy_px": 46.1,
+        "projector.rotation_deg": [1.0, -2.0, 3.0],
+        "projector.position_m": [0.03, 0.002, -0.004],
+        "left.alignment.roll_deg": 0.0,
+        **changes,
+    }
+    return with_values(sensor, values.items())
+
+
+@pytest.fixture(scope="module")
+def stage() -> Stage:
+    """A table with things on it."""
+    return Stage(builtin.tabletop(0))
+
+
+def with_step(sensor: Sensor, name: str, step: float) -> Sensor:
+    """Move one parameter; the field by a share of itself, as its column says."""
+    name, step = (
+        (parameters.FIELD, step * parameters.value(sensor, parameters.FIELD))
+        if name == "projector.field"
+        else (name, step)
+    )
+    return parameters.with_values(sensor, [(name, parameters.value(sensor, name) + step)])
+
+
+def off(difference: np.ndarray, column: np.ndarray, where: np.ndarray) -> float:
+    """Root mean square of the disagreement over the derivative's."""
+    wrong = (difference - column)[where]
+    return float(np.sqrt(np.mean(wrong**2) / np.mean(column[where] ** 2)))
+
+
+def inside(*views: differentiable.Traced) -> np.ndarray:
+    """Pixels that are clear in all views, a pixel away from any that is not."""
+    clear = np.logical_and.reduce([view.clear for view in views]).astype(np.uint8)
+    clear[[0, -1]] = 0
+    clear[:, [0, -1]] = 0
+    return cv2.erode(clear, np.ones((3, 3), np.uint8)).astype(bool)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_image_is_the_one_that_is_rendered(stage: Stage, side: differentiable.Side) -> None:
+    """The layer equals the renderer's. It proves nothing of the renderer."""
+    sensor = small()
+    traced = differentiable.trace(stage, sensor, side)
+    image, rendered = traced.linear().image, render.layers(stage, sensor)
+    view = rendered.left if side == "left" else rendered.right
+    assert view is not None
+    shown = traced.clear
+    assert shown.mean() > 0.5
+    error = np.abs(image - view.projector_direct)[shown]
+    assert np.quantile(error, 0.999) < 1e-4 * view.projector_direct.max()  # Single precision.
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("name", STEPS)
+def test_forward_mode_agrees_with_central_differences(
+    stage: Stage, side: differentiable.Side, name: str
+) -> None:
+    """Columns against differences of traced images, pixels on depth and shadow edges left out.
+
+    It proves that the derivative is of this image, not that the image is right, and nothing
+    where an edge passes: there the image jumps.
+    """
+    # An image may be stretched; what a generator draws anew for every field may not.
+    sensor = small()
+    if name == "projector.field":
+        pytest.skip("generated patterns do not stretch: see the test with an image")
+    traced = differentiable.trace(stage, sensor, side)
+    column = traced.linear((name,)).columns[name]
+    if name == "baseline_m" and side == "left":
+        assert not column.any()
+        return
+    step = STEPS[name]
+    ends = [
+        differentiable.trace(stage, with_step(sensor, name, way), side) for way in (step, -step)
+    ]
+    difference = (ends[0].linear().image - ends[1].linear().image) / (2 * step)
+    assert off(difference, column, inside(traced, *ends)) < AGREEMENT
+
+
+def test_the_field_of_an_image_stretches(stage: Stage, tmp_path) -> None:
+    """As above, of the field of a pattern that is an image."""
+    path = tmp_path / "dots.png"
+    rng = np.random.default_rng(0)
+    drawn = cv2.GaussianBlur(rng.random((288, 384), np.float32), (0, 0), 2.0)
+    drawn = (drawn - drawn.min()) / np.ptp(drawn)
+    assert cv2.imwrite(str(path), (65535 * drawn).astype(np.uint16))
+    sensor = small(**{"projector.pattern": str(path)})
+    traced = differentiable.trace(stage, sensor, "right")
+    column = traced.linear(("projector.field",)).columns["projector.field"]
+    step = STEPS["projector.field"]
+    ends = [
+        differentiable.trace(stage, with_step(sensor, "projector.field", way), "right")
+        for way in (step, -step)
+    ]
+    difference = (ends[0].linear().image - ends[1].linear().image) / (2 * step)
+    assert off(difference, column, inside(traced, *ends)) < AGREEMENT
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_backward_mode_agrees_with_forward_mode(stage: Stage, side: differentiable.Side) -> None:
+    """Both modes on random weights: one is the other's transpose. Errors of both stay hidden."""
+    sensor = small()
+    traced = differentiable.trace(stage, sensor, side)
+    weights = np.random.default_rng(0).random((96, 160), np.float32) * traced.clear
+    columns = traced.linear(differentiable.PARAMETERS).columns
+    pulled = traced.pulled(differentiable.PARAMETERS, weights)
+    for name, column in columns.items():
+        forward = float((column.astype(np.float64) * weights).sum())
+        size = float(np.abs(column * weights).sum())
+        assert abs(pulled[name] - forward) <= 1e-4 * size, name  # Sums in single precision.
+
+
+def test_emitters_add_up_and_all_move(stage: Stage) -> None:
+    """The parts of several emitters sum to the whole, in image and derivative."""
+    emitters = (
+        Emitter(offset_m=(-2e-3, 0, 0)),
+        Emitter(offset_m=(3e-3, 0, 0), rotation_deg=(0, 0, 12), power_share=0.5),
+    )
+    sensor = small()
+    light = dataclasses.replace(sensor.projector, emitters=emitters)
+    sensor = dataclasses.replace(sensor, projector=light)
+    traced = differentiable.trace(stage, sensor, "left")
+    names = ("projector.rotation_deg.z", "projector.position_m.x")
+    whole, parts = (
+        traced.linear(names),
+        [traced.linear(names, emitter=number) for number in range(traced.emitters)],
+    )
+    assert len(parts) == 2
+    np.testing.assert_allclose(sum(part.image for part in parts), whole.image, rtol=1e-4, atol=1e-6)
+    for name in names:
+        ends = [
+            differentiable.trace(stage, with_step(sensor, name, way), "left")
+            for way in (STEPS[name], -STEPS[name])
+        ]
+        difference = (ends[0].linear().image - ends[1].linear().image) / (2 * STEPS[name])
+        assert off(difference, whole.columns[name], inside(traced, *ends)) < AGREEMENT
+
+
+@pytest.mark.parametrize("name", differentiable_image.ALIGNMENT)
+def test_alignment_moves_the_image_as_the_simulator_does(stage: Stage, name: str) -> None:
+    """Columns by alignment against differences of the simulator's own optics, about a turned imager."""
+    sensor = small(**{"right.alignment.yaw_deg": 0.4, "right.alignment.roll_deg": -0.3})
+    step = 0.02
+    column = differentiable_image.formed(
+        differentiable.trace(stage, sensor, "right"), (name,)
+    ).columns[name]
+    ends = [
+        differentiable_image.formed(
+            differentiable.trace(stage, with_step(sensor, name, way), "right")
+        ).image
+        for way in (step, -step)
+    ]
+    traced = differentiable.trace(stage, sensor, "right")
+    where = cv2.erode(inside(traced).astype(np.uint8), np.ones((7, 7), np.uint8)).astype(bool)
+    difference = (ends[0] - ends[1]) / (2 * step)
+    # Sixth-order interpolation holds a slope to some percent at these dots' width.
+    assert off(difference, column, where) < 0.05
+
+
+def test_the_flow_is_how_dots_move(stage: Stage) -> None:
+    """Brightness is carried along the flow, up to what shading adds."""
+    sensor = small()
+    traced = differentiable.trace(stage, sensor, "right")
+    columns = traced.linear(differentiable.PARAMETERS).columns
+    flows = traced.flow(differentiable.PARAMETERS)
+    for name in STEPS:
+        carried = -sum(
+            columns[ray] * flows[name][..., axis] for axis, ray in enumerate(differentiable.RAY)
+        )
+        assert off(carried, columns[name], inside(traced)) < 0.05, name
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_scale_is_open_in_reference_depth(tmp_path, side: differentiable.Side) -> None:
+    """f over s and baseline, projector offset and field's tangent times s move no pixel.
+
+    Exact where the projector looks straight ahead and lies beside the left imager.
+    """
+    path = tmp_path / "dots.png"
+    drawn = cv2.GaussianBlur(
+        np.random.default_rng(1).random((288, 384), np.float32), (0, 0), 2.0
+    )
+    assert cv2.imwrite(str(path), (6e4 * drawn).astype(np.uint16))
+    straight: dict[str, object] = {
+        "projector.pattern": str(path),
+        "projector.rotation_deg": [0.0, 0.0, 0.0],
+        "projector.position_m": [0.03, 0.002, 0.0],
+    }
+    sensor, stage = small(**straight), Stage(builtin.tabletop(0))
+    made, scale = Pinhole.of(sensor), 1.01
+    wide = parameters.with_values(
+        sensor,
+        [
+            ("fx_px", sensor.fx_px / scale),
+            ("baseline_m", sensor.baseline_m * scale),
+            ("projector.position_m.x", 0.03 * scale),
+            ("projector.position_m.y", 0.002 * scale),
+            (parameters.FIELD, parameters.value(sensor, parameters.FIELD) * scale),
+        ],
+    )
+    images = [
+        differentiable_image.formed(
+            differentiable.trace(stage, one, side, reference=made)
+        ).image
+        for one in (sensor, wide)
+    ]
+    where = differentiable.trace(stage, sensor, side, reference=made).clear
+    ratio = images[1][where] / images[0][where]
+    # Even light changes a little with the angles; the dots must not.
+    assert np.abs(ratio / cv2.blur(ratio[:, None], (1, 1)).ravel() - 1).max() < 1e-6
+    assert np.std(ratio) < 4e-3
+    other = differentiable.trace(
+        stage, parameters.with_values(wide, [("fx_px", sensor.fx_px)]), side, reference=made
+    )
+    moved = differentiable_image.formed(other).image[where] / images[0][where]
+    assert np.std(moved) > 5 * np.std(ratio)
+
+
+def test_columns_by_reference_agree_with_differences() -> None:
+    """Focal length and principal point where the surface follows them."""
+    sensor, stage = small(), Stage(builtin.tabletop(0))
+    made = Pinhole.of(small(fx_px=121.0, fy_px=119.0, cx_px=80.9))
+    for name in ("fx_px", "cx_px", "cy_px", "baseline_m"):
+        traced = differentiable.trace(stage, sensor, "right", reference=made)
+        column = traced.linear((name,)).columns[name]
+        ends = [
+            differentiable.trace(
+                stage, with_step(sensor, name, way), "right", reference=made
+            )
+            for way in (STEPS[name], -STEPS[name])
+        ]
+        difference = (ends[0].linear().image - ends[1].linear().image) / (2 * STEPS[name])
+        assert off(difference, column, inside(traced, *ends)) < AGREEMENT, name
+
+
+def test_what_cannot_be_differentiated_is_refused(stage: Stage) -> None:
+    sensor = small()
+    traced = differentiable.trace(stage, sensor, "left")
+    for ask in (traced.linear, traced.flow, lambda names: traced.pulled(names, traced.depth_m)):
+        with pytest.raises(InputError, match="parameter must be a known name; got 'gain'"):
+            ask(("gain",))
+    for ask in (differentiable_image.formed, differentiable_image.flow):
+        with pytest.raises(InputError, match="parameter must be a known name"):
+            ask(traced, ("gain",))
+    with pytest.raises(InputError, match="geometry must be stated whole"):
+        differentiable.trace(stage, small(baseline_error=0.01), "left")
+    for change in (
+        {"model_error": ModelError(scale=1.01)},
+        {"motion": Motion(velocity_m_s=(0.1, 0.0, 0.0))},
+    ):
+        wrong = Stage(dataclasses.replace(stage.scene, **change))
+        assert isinstance(wrong.scene, Scene)
+        with pytest.raises(InputError, match="to be differentiated"):
+            differentiable.trace(wrong, sensor, "left")

@@ -1,0 +1,153 @@
+"""Laws of the pattern's scale: direction cosines grow in proportion, energy is kept.
+
+Rationale: a diffractive element throws its order m at sin t = m lambda / period, so a wavelength
+1 + e times as long makes all direction cosines 1 + e times as large. The light of a pencil stays
+what it was. Expected values follow by hand.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from patterns import Pattern
+from patterns.field import Field
+from sim import projector, reference, render, sensors
+from sim.parts.emitter import Emitter
+from sim.scenes import builtin
+from sim.sensor import Sensor
+from sim.stage import Stage
+
+SIZE = {"width": 640, "height": 320, "cx_px": 319.5, "cy_px": 159.5}
+
+
+def camera(focal_px: float, **light: Any) -> Sensor:
+    """A camera with its projector at the left imager."""
+    preset = sensors.load("d415")
+    part = dataclasses.replace(preset.projector, position_m=(0.0, 0.0, 0.0), **light)
+    return dataclasses.replace(preset, **SIZE, fx_px=focal_px, fy_px=focal_px, projector=part)
+
+
+def scaled(sensor: Sensor, scale: float) -> Sensor:
+    part = dataclasses.replace(sensor.projector, pattern_scale=scale)
+    return dataclasses.replace(sensor, projector=part)
+
+
+def lit(sensor: Sensor, distance_m: float = 1.0) -> np.ndarray:
+    layers = render.layers(Stage(builtin.wall(distance_m)), sensor)
+    return layers.left.projector_direct.astype(np.float64)
+
+
+@pytest.fixture
+def dots(monkeypatch: pytest.MonkeyPatch) -> Sensor:
+    """Five dots on a row, out to 35 degrees in a field of 100, 3 px wide."""
+
+    def make(*, fov_x_deg: float, fov_y_deg: float, seed: int) -> Pattern:
+        x = np.tan(np.deg2rad(DOTS_DEG))
+        return Pattern.of_dots(
+            x,
+            0 * x,
+            0 * x + 1,
+            field=Field(fov_x_deg, fov_y_deg),
+            width_px=3200,
+            fwhm_mrad=8.0,
+            background=0.0,
+            name=f"dots, seed {seed}",
+        )
+
+    monkeypatch.setitem(projector.GENERATORS, "dots", make)
+    return camera(400.0, pattern="dots", fov_x_deg=100.0, fov_y_deg=40.0)
+
+
+DOTS_DEG = np.array([-35.0, -20.0, 5.0, 20.0, 35.0])
+
+
+def columns_px(image: np.ndarray, near_px: np.ndarray) -> np.ndarray:
+    """Centroids of dots within 15 px of places."""
+    profile, found = image.sum(axis=0), []
+    for near in np.rint(near_px).astype(int):
+        window = np.arange(max(near - 15, 0), near + 16)
+        found.append((profile[window] * window).sum() / profile[window].sum())
+    return np.array(found)
+
+
+@pytest.mark.parametrize("scale", [0.97, 0.997, 1.003, 1.03])
+def test_dots_move_in_proportion_to_their_direction_cosine(dots: Sensor, scale: float) -> None:
+    """sin t = s sin t0, to 0.02 px (4.2 px at 35 degrees for 1 %), at two distances.
+
+    It does not prove that a device's projector is diffractive: an image thrown by a lens does not
+    grow with the wavelength.
+    """
+    for distance_m in (0.5, 2.0):
+        home, moved = (
+            np.tan(np.arcsin(s * np.sin(np.deg2rad(DOTS_DEG)))) * 400.0 + SIZE["cx_px"]
+            for s in (1.0, scale)
+        )
+        still = columns_px(lit(dots, distance_m), home)
+        found = columns_px(lit(scaled(dots, scale), distance_m), moved)
+        np.testing.assert_allclose(found - still, moved - home, atol=0.02)
+
+
+@pytest.mark.parametrize("scale", [0.95, 0.995, 1.005, 1.05])
+def test_no_light_is_lost_or_made(dots: Sensor, scale: float) -> None:
+    """The light on a plane across the axis is the same to 0.1 %, where all of it is in the image.
+
+    The image of a fronto-parallel wall is that plane: equal pixels are equal areas of it, and its
+    radiance goes as the irradiance.
+    """
+    total = lit(dots).sum()
+    assert lit(scaled(dots, scale)).sum() == pytest.approx(total, rel=1e-3)
+
+
+@pytest.fixture
+def even(tmp_path: Path) -> Sensor:
+    cv2.imwrite(str(tmp_path / "even.png"), np.full((64, 96), 200, np.uint8))
+    return camera(250.0, pattern=str(tmp_path / "even.png"), fov_x_deg=90.0, fov_y_deg=60.0)
+
+
+@pytest.mark.parametrize("scale", [0.96, 1.004, 1.04])
+def test_even_light_changes_by_the_laws_factor(even: Sensor, scale: float) -> None:
+    """E / E0 = (cos t / cos t0)^4 / s^2 to 2e-5, and the field's edge is at s times its cosine.
+
+    It does not prove how an element's efficiency goes with the wavelength: each order's is kept.
+    """
+    before, after = lit(even), lit(scaled(even, scale))
+    rows, columns = np.indices(before.shape)
+    x, y = (columns - SIZE["cx_px"]) / 250.0, (rows - SIZE["cy_px"]) / 250.0
+    far = 1 + x**2 + y**2
+    a, b = x / np.sqrt(far) / scale, y / np.sqrt(far) / scale
+    nominal_cos = np.sqrt(1 - a**2 - b**2)
+    expected = (1 / far / nominal_cos**2) ** 2 / scale**2
+    half_x, half_y = projector.half_tangents(even.projector)
+    inside = np.maximum(abs(a / nominal_cos) / half_x, abs(b / nominal_cos) / half_y)
+    # Two pixels in from the edges of either field; sub-pixel means add the curvature's rest.
+    deep = (inside < 0.98) & (abs(x) < 0.98 * half_x) & (abs(y) < 0.98 * half_y)
+    np.testing.assert_allclose(after[deep] / before[deep], expected[deep], rtol=2e-5)
+    assert (after[inside < 0.99] > 0).all() and not after[inside > 1.01].any()
+
+
+def test_all_emitters_scale_alike_about_their_own_axes(dots: Sensor) -> None:
+    """Seen from its place and along its axis every emitter's pattern grows as a single one's."""
+    turn_deg, offset = (0.0, 4.0, 0.0), (0.02, 0.0, 0.0)
+    emitters = (Emitter(offset_m=offset, rotation_deg=turn_deg),)
+    with_emitter = dataclasses.replace(dots.projector, emitters=emitters, pattern_scale=1.02)
+    alone = dataclasses.replace(
+        dots.projector, position_m=offset, rotation_deg=turn_deg, pattern_scale=1.02
+    )
+    first, second = (lit(dataclasses.replace(dots, projector=p)) for p in (with_emitter, alone))
+    np.testing.assert_allclose(first, second, rtol=2e-3, atol=1e-4 * second.max())
+
+
+def test_a_scale_next_to_neutral_is_next_to_neutral(even: Sensor) -> None:
+    """Neutral takes a shorter way: the longer one ends at the same numbers."""
+    np.testing.assert_allclose(lit(scaled(even, 1 + 1e-9)), lit(even), rtol=2e-6)
+
+
+def test_structured_lights_reference_keeps_its_scale() -> None:
+    kinect = sensors.load("kinect-v1")
+    assert np.array_equal(reference.image(kinect), reference.image(scaled(kinect, 1.003)))
