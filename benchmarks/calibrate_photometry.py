@@ -4,7 +4,8 @@
 
 Captures: $STARLING_CAPTURES, else ../shared/captures from the repository's root; every scene of
 d415-table and one of each room of d415-faro by default. The preset's pattern is not the device's:
-unless one is calibrated and given by --sensor, tiles' mean levels alone are fitted.
+unless one is calibrated and given by --sensor, tiles' mean levels alone are fitted. Images with the
+emitter on and off are taken to be of one exposure, which the captures do not record.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from calibration.noise import fit_noise
 from calibration.photometry import fit_photometry
 from sim import sensors
 from sim.capture import open_set
+from sim.imager.exposure import Exposure
 
 ROOT = Path(__file__).parents[1]
 
@@ -45,7 +47,8 @@ def report(folder: Path, word: str) -> None:
     sensor = captures.info.geometry_into(sensors.load(word))
     begin = time.perf_counter()
     seen = observation.load_all(captures.scenes, sensor)
-    fit = fit_photometry(seen, sensor)
+    one_exposure = Exposure(exposure_s=sensor.left.exposure_s, gain=sensor.left.gain)
+    fit = fit_photometry(seen, sensor, exposures={one.name: one_exposure for one in seen})
     noise = fit_noise(seen, fit.predictions, fit.solution.sensor)
     print(f"{folder.parent.name}/{folder.name}: {time.perf_counter() - begin:.0f} s")
     for one in seen:

@@ -1,8 +1,8 @@
 """How like a held-out scene's real infrared its re-simulation is.
 
-The scene's surface is its reference; its reflectance is its own left image, smoothed until no dot is
-left in it. Everything else comes from the calibrated sensor, but for one number: the scene's pattern
-scale, as the laser's wavelength drifts with temperature and nobody measured that.
+The scene's surface is its reference; its reflectance is its own left image, smoothed until no dot
+is left in it. Everything else comes from the calibrated sensor, but for one number: the scene's
+pattern scale, as the laser's wavelength drifts with temperature and nobody measured that.
 """
 
 from __future__ import annotations

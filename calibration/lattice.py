@@ -63,7 +63,7 @@ def find(pattern: PatternImage) -> tuple[Lattice, ...]:
     """
     windowed, a, b = _windowed(pattern)
     spectrum = np.abs(np.fft.fftshift(np.fft.fft2(windowed, s=(_SIZE, _SIZE)))).astype(np.float32)
-    ratio = spectrum / _floor(spectrum)
+    ratio = np.asarray(spectrum / _floor(spectrum), np.float32)
     peaks = _peaks(ratio)
     found: list[Lattice] = []
     least = _TIMES_FLOOR
@@ -104,7 +104,7 @@ def _peaks(ratio: NDArray[np.float32]) -> NDArray[np.float64]:
     highest = cv2.dilate(ratio, np.ones((_PEAK_BINS, _PEAK_BINS), np.uint8))
     y, x = np.nonzero((ratio == highest) & (ratio > _TIMES_FLOOR))
     order = np.argsort(-ratio[y, x], kind="stable")
-    points = np.stack([x[order], y[order]], axis=1) - _SIZE / 2
+    points = np.stack([x[order], y[order]], axis=1).astype(np.float64) - _SIZE / 2
     upper = (points[:, 0] > 0) | ((points[:, 0] == 0) & (points[:, 1] > 0))
     return points[upper][:_MOST_PEAKS]
 

@@ -125,6 +125,11 @@ def modulation_of(view: View, sensor: Sensor) -> Modulation:
     )
 
 
+def imager_blur_px(sensor: Sensor) -> float:
+    """Sigma by which the imager itself widens a dot [px]: lens, pixel and resampling."""
+    return float(np.sqrt(sensor.left.lens.blur_px**2 + sensor.left.smoothing_px**2 + 1 / 12))
+
+
 def _grid(sensor: Sensor) -> Grid:
     half_x, half_y = (_MARGIN * half for half in light.half_tangents(sensor.projector))
     return Grid(
@@ -153,7 +158,9 @@ def _image(
             scale=model.scales[view.scene],
         )
         cosines = np.where(np.isfinite(there.cosines), there.cosines, np.float32(9))
-        placed.append(Placed(modulation=seen[id(view)], cosines=cosines))
+        placed.append(
+            Placed(modulation=seen[id(view)], cosines=cosines, blur_px=imager_blur_px(sensor))
+        )
     return unprojected.solve(placed, grid)
 
 

@@ -105,7 +105,9 @@ def fit_photometry(
         exposures: what the camera recorded, by scene. Without, and with auto exposure on, each
             image has an exposure of its own.
         reflectance_known: whether the surfaces' reflectances are right on an absolute scale.
-            If not, or if they prove not to be, each tile of 16 px has a factor of its own.
+            If not, or if they prove to contradict each other, each tile of 16 px has a factor of
+            its own. A factor that all of them are wrong by is nowhere in the images: power and
+            ambient irradiance are then off by it.
         free: what to fit, of `PARAMETERS`.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Infrared images against what a sensor would see of the same surface: residuals and derivatives."""
+"""Infrared images against what a sensor would see of the same surface."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Mask = NDArray[np.bool_]
 _BURNT_SHARE = 0.98  # Of the highest code: levels from here on are clipped.
 _REACH_PX = 3  # Pixels this near a depth or shadow edge, or the border, are left out.
 _CAUCHY = 2.5  # Deviations beyond which a residual counts for less.
-_CLUSTER_TILES = 3  # Side of the squares of tiles whose residuals are taken to go together.
+_CLUSTER_SHARE = 0.075  # Of the image's width: squares in which residuals may go together.
 _BINS = 24  # Levels at which the residuals' variance is measured.
 
 
@@ -52,6 +52,7 @@ class Predicted:
     columns: dict[str, Array]
     usable: Mask  # (h, w) where image and derivatives can be believed.
     disparity_px: Array  # (h, w) of this view's surface, NaN where there is none.
+    body: NDArray[np.uint32]  # (h, w) number of the body.
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +174,7 @@ def predict(
         columns=columns,
         usable=_eroded(good, _REACH_PX) & _eroded(view.usable, 1),
         disparity_px=disparity,
+        body=traced.body,
     )
 
 
@@ -216,10 +218,11 @@ def normal(
     view = predicted.view
     level, light = (_blurred(image, blur_px) for image in (view.level, predicted.light))
     columns = [_blurred(image, blur_px) for image in predicted.columns.values()]
-    usable = _eroded(predicted.usable, round(2 * blur_px)).astype(np.float32)
+    usable = _eroded(predicted.usable, round(2 * blur_px)) & _main_body(predicted.body, size_px)
     height = cv2.GaussianBlur(level, (0, 0), 1.0)
     if variance is None:
-        plain = variable_projection.eliminate(level, [light], usable, size_px=size_px)
+        even = usable.astype(np.float32)
+        plain = variable_projection.eliminate(level, [light], even, size_px=size_px)
         variance = _variance(
             plain,
             variable_projection.cut(height, size_px),
@@ -248,6 +251,14 @@ def normal(
     )
 
 
+def _main_body(body: NDArray[np.uint32], size_px: int) -> Mask:
+    """Pixels (h, w) of the body that fills most of their tile: others return light otherwise."""
+    parts = np.sort(variable_projection.cut(body, size_px), axis=1)
+    middle = parts[:, parts.shape[1] // 2]  # Of two bodies, the one with more than half.
+    whole = np.broadcast_to(middle[:, None], parts.shape)
+    return body == variable_projection.joined(whole, body.shape, size_px)
+
+
 def _clustered(parts: NDArray[np.float64], predicted: Predicted, size_px: int) -> NDArray:
     """Sum tiles' scores over squares of the left image: both imagers' views of one place."""
     shape = predicted.light.shape
@@ -255,7 +266,7 @@ def _clustered(parts: NDArray[np.float64], predicted: Predicted, size_px: int) -
     if predicted.view.side == "right":
         known = np.nan_to_num(variable_projection.cut(predicted.disparity_px, size_px), nan=0.0)
         centre[:, 0] += np.median(known, axis=1)
-    side = size_px * _CLUSTER_TILES
+    side = size_px * max(round(_CLUSTER_SHARE * shape[1] / size_px), 1)
     place = np.floor(centre / side).astype(int)
     wide = shape[1] // side + 2
     number = np.clip(place[:, 0], 0, wide - 1) + place[:, 1] * wide
@@ -286,7 +297,7 @@ def _variance(fitted: variable_projection.Eliminated, height: Array, counted: Ma
 
 
 def _cauchy_weight(residual: Array) -> Array:
-    return 1 / (1 + (residual / np.float32(_CAUCHY)) ** 2)
+    return np.asarray(1 / (1 + (residual / np.float32(_CAUCHY)) ** 2), np.float32)
 
 
 def _stiffness(residual: Array) -> float:

@@ -4,8 +4,8 @@ Steps are in units of the parameters' tolerances, and so is the one thing that i
 any capture: that a unit is within its tolerances of where the fit begins. It weighs nothing against
 what the captures determine, and holds the rest in place.
 
-Sources: Marquardt, SIAM J. 11(2), 1963; robust weights by iteration: Holland and Welsch, Comm. Stat.
-A6(9), 1977.
+Sources: Marquardt, SIAM J. 11(2), 1963; robust weights by iteration: Holland and Welsch,
+Comm. Stat. A6(9), 1977.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 
-_DAMPING = 1e-3  # To begin with, of the information's diagonal.
+_DAMPING = 1e-5  # The least, of the information's diagonal, where an undamped step fails.
 _WORST = 1e4  # Damping beyond which no step helps.
 _MOST_STEPS = 10  # In each stage.
 _DONE = 0.05  # Squared step in its standard deviations below which no other is tried.
@@ -70,9 +70,7 @@ class Solved(Generic[E]):
     costs: tuple[float, ...]  # Mean squared residual of the last stage, 1 at its end.
 
 
-def solve(
-    coarse: Evaluate[E], fine: Evaluate[E], step: Vector, *, inflation: float
-) -> Solved[E]:
+def solve(coarse: Evaluate[E], fine: Evaluate[E], step: Vector, *, inflation: float) -> Solved[E]:
     """Minimise the robust cost and the squared step together, first roughly on coarse residuals.
 
     Args:
@@ -93,7 +91,7 @@ def _descended(
     """Step until it is short: where to, the equations there, and the mean cost on the way."""
     equations = evaluate(step, None)
     costs = [_mean(equations)]
-    damping = _DAMPING
+    damping = 0.0
     for _ in range(_MOST_STEPS):
         trial, length, damping = _tried(evaluate, equations, step, damping, done, unit)
         if trial is None:
@@ -118,20 +116,23 @@ def _tried(
     done: float,
     unit: float,
 ) -> tuple[Vector | None, float, float]:
-    """One step that lowers the cost, its squared length in deviations, and the damping after.
+    """One step that lowers the cost, the squared way left in deviations, and the damping after.
 
     A step too short to matter is not looked at again.
     """
     information = equations.information + np.eye(len(step))
     cost = equations.cost + float(step @ step)
+    downhill = -(equations.gradient + step)
+    # Damping shortens steps most where least is known, so that a damped one says nothing of the
+    # way that is left.
+    whole = np.linalg.solve(information, downhill)
+    length = float(whole @ information @ whole)
+    if length < done:
+        return step + whole, length, damping
     scale = np.diag(np.diagonal(information))
     while damping < _WORST:
-        change = -np.linalg.solve(information + damping * scale, equations.gradient + step)
-        length = float(change @ information @ change)
-        trial = step + change
-        if length < done:
-            return trial, length, damping
+        trial = step + np.linalg.solve(information + damping * scale, downhill)
         if evaluate(trial, equations).cost + float(trial @ trial) < cost + _NOTHING * unit:
-            return trial, length, max(damping / 10, 1e-9)
-        damping *= 10
-    return None, 0.0, damping
+            return trial, length, damping / 10 if damping > _DAMPING else 0.0
+        damping = max(10 * damping, _DAMPING)
+    return None, length, damping

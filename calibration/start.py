@@ -224,14 +224,15 @@ def _solved(
     root = np.sqrt(np.repeat(weight, 2)) / _SPREAD_PX
     matrix = slopes.reshape(-1, slopes.shape[2]) * root[:, None]
     normal = matrix.T @ matrix + np.eye(matrix.shape[1])
-    return np.linalg.solve(normal, matrix.T @ (shift.ravel() * root))
+    return np.asarray(np.linalg.solve(normal, matrix.T @ (shift.ravel() * root)), np.float64)
 
 
 def _even(image: Array) -> Array:
     """High-passed image over its local deviation."""
     high = image - cv2.GaussianBlur(image, (0, 0), _HIGH_PASS_PX)
     local = cv2.GaussianBlur(high * high, (0, 0), _LOCAL_PX)
-    return high / np.sqrt(local + 0.05 * max(float(local.mean()), 1e-20))
+    floor = np.float32(0.05 * max(float(local.mean()), 1e-20))
+    return np.asarray(high / np.sqrt(local + floor), np.float32)
 
 
 def _shrunk(image: Array, factor: int) -> Array:
@@ -239,4 +240,5 @@ def _shrunk(image: Array, factor: int) -> Array:
         return image.astype(np.float32)
     height, width = (length // factor * factor for length in image.shape[:2])
     size = (width // factor, height // factor)
-    return np.asarray(cv2.resize(image[:height, :width], size, interpolation=cv2.INTER_AREA))
+    small = cv2.resize(image[:height, :width], size, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.float32)

@@ -2,8 +2,9 @@
 
 Residuals of one place go together: the imager's averaging, speckle, and what the surface's model
 gets wrong tie neighbours. Their sum over a place is one draw, and the spread of these sums
-says how far the fit would move with other captures: C = H^-1 (sum s s' + I) H^-1, H the information,
-s the places' parts of the gradient, I the tolerances, which count as measurements of deviation 1.
+says how far the fit would move with other captures: C = H^-1 (sum s s' + I) H^-1 with H the
+information, s the places' parts of the gradient, and I the tolerances, which count as measurements
+of deviation 1 and are in H too.
 
 Sources: White, Econometrica 50, 1982; Liang and Zeger, Biometrika 73, 1986 (clusters).
 """
@@ -22,6 +23,7 @@ from calibration.parameters import Parameter
 Matrix = NDArray[np.float64]
 
 OPEN = 0.4  # Deviation over tolerance from which on a direction was not determined.
+_LEAST_OTHERS = 0.05  # Of what is known of a direction, from other clusters than one.
 _NAMED = 0.3  # Least part of a parameter in a direction to be named with it.
 _OPEN_SHARE = 0.5  # Of a parameter's variance, from open directions: it was not determined either.
 _LEAST_SD = 0.02  # In tolerances: below, a parameter was determined wherever its variance is from.
@@ -69,19 +71,22 @@ def of(equations: Clustered) -> Uncertainty:
     """Sandwich covariance with clusters, and what is open.
 
     A cluster that weighs much pulls the fit towards itself, and its residuals seem smaller than
-    its errors; each one's score is what it would be of a fit without it (CR3).
+    its errors; its score is made larger by the square root of its leverage's complement (CR2).
 
     Args:
         equations: where the fit ended.
 
-    Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (CR3, the jackknife).
+    Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (CR2).
     """
     count = len(equations.gradient)
     stiff = equations.information * equations.stiffness + np.eye(count)
-    inverse = np.linalg.inv(stiff)
-    own = equations.shares * equations.stiffness @ inverse
-    alone = np.linalg.solve(np.eye(count) - own, equations.scores[..., None])[..., 0]
-    covariance = inverse @ (alone.T @ alone + np.eye(count)) @ inverse
+    value, vector = np.linalg.eigh(stiff)
+    root = (vector / np.sqrt(value)) @ vector.T  # The inverse's symmetric root.
+    inverse = root @ root
+    own, axes = np.linalg.eigh(root @ (equations.shares * equations.stiffness) @ root)
+    white = (axes.transpose(0, 2, 1) @ (equations.scores @ root)[..., None])[..., 0]
+    white = (axes @ (white / np.sqrt(np.maximum(1 - own, _LEAST_OTHERS)))[..., None])[..., 0]
+    covariance = root @ (white.T @ white) @ root + inverse @ inverse
     # What is open shows in the information: there, the spread of few scores says nothing.
     value, vector = np.linalg.eigh(inverse)
     worst = np.flatnonzero(value > OPEN**2)[::-1]

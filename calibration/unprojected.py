@@ -31,6 +31,7 @@ class Placed:
 
     modulation: Modulation
     cosines: Array  # (h w, 2) nominal direction cosines; NaN where unknown.
+    blur_px: float = 0.0  # Sigma of the imager's own blur, which is not the pattern's.
     gain: Array | None = None  # (h, w) local gain of the pattern; None before any fit.
 
 
@@ -79,7 +80,13 @@ def predicted(one: Placed, value: Array) -> Array:
     shape = one.modulation.value.shape
     out = np.zeros(shape[0] * shape[1], np.float32)
     cosine_image.read(value, one.cosines, out)
-    return high_passed(out.reshape(shape))
+    return high_passed(_blurred(out.reshape(shape), one.blur_px))
+
+
+def _blurred(image: Array, sigma_px: float) -> Array:
+    if sigma_px == 0:
+        return image
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.float32)
 
 
 def _gain(one: Placed, value: Array) -> Array:
@@ -104,7 +111,7 @@ def _model(one: Placed, value: Array) -> Array:
 def _transposed(one: Placed, residual: Array, into: Array) -> None:
     assert one.gain is not None
     back = high_passed(one.gain * one.modulation.weight * residual)
-    cosine_image.add(into, one.cosines, back.ravel())
+    cosine_image.add(into, one.cosines, _blurred(back, one.blur_px).ravel())
 
 
 def _information(placed: Sequence[Placed], grid: Grid) -> Array:

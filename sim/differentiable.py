@@ -7,7 +7,7 @@ much the surface reflects are taken as fixed: a derivative says nothing of pixel
 on a shadow's edge, which `Traced.clear` leaves out, nor of texture that moves.
 
 Few parameters and many pixels: columns by forward mode, one for each parameter, all in one kernel
-and exact to float. Backward mode (`Traced.pulled`) gives the same numbers and serves as their check.
+and exact to float. Backward mode (`Traced.pulled`) gives the same numbers, summed over pixels.
 
 Source: forward and backward mode on one graph: Jakob et al., "Dr.Jit", ACM TOG 41(4), 2022.
 """
@@ -109,12 +109,13 @@ def trace(
         depth = seen_depth if depth is None else depth
         body = seen_body if body is None else body
         whole &= plain & (seen_body == body)
-    assert depth is not None  # There is at least one place in a pixel.
+    assert depth is not None and body is not None  # There is at least one place in a pixel.
     return Traced(
         sensor=sensor,
         side=side,
         reference=reference,
         depth_m=depth,
+        body=body,
         clear=whole,
         _light=light,
         _hits=tuple(hits),
@@ -129,6 +130,7 @@ class Traced:
     side: Side
     reference: Pinhole | None
     depth_m: Image  # (h, w) z along the imager's axis, NaN where there is nothing.
+    body: NDArray[np.uint32]  # (h, w) number from 1, 0 where there is nothing.
     clear: Mask  # (h, w) lit as a whole, of one opaque body, and not met at a grazing angle.
     _light: Light
     _hits: tuple[_Hits, ...]
@@ -185,8 +187,9 @@ class Traced:
     def flow(self, names: tuple[str, ...]) -> dict[str, NDArray[np.float32]]:
         """How fast the dots move over the image, (h, w, 2) [px] a unit of each parameter.
 
-        Of several emitters the first stands for all. A dot stays where its direction leaves the projector: with s(u, p) the tangents that
-        pixel u sees, du/dp = -(ds/du)^-1 ds/dp. 0 where there is no surface.
+        A dot stays where its direction leaves the projector: with s(u, p) the tangents that
+        pixel u sees, du/dp = -(ds/du)^-1 ds/dp. Of several emitters the first stands for all.
+        0 where there is no surface.
 
         Args:
             names: of `PARAMETERS`.

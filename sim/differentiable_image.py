@@ -14,15 +14,20 @@ from numpy.typing import NDArray
 
 from patterns import errors
 from sim.differentiable import PARAMETERS, Linear, Traced
-from sim.differentiable_rig import RAY
 from sim.imager import smoothing
 from sim.layers import Image
 from sim.optics import alignment, shading, spot
 from sim.parts.lens import Alignment
 from sim.pinhole import Pinhole
 
-_STEPS = {"offset_x_px": 1e-3, "offset_y_px": 1e-3, "roll_deg": 1e-3, "pitch_deg": 1e-3}
-_STEPS["yaw_deg"] = 1e-3
+# Steps of the alignment that move the image by some thousandths of a pixel.
+_STEPS = {
+    "offset_x_px": 4e-3,
+    "offset_y_px": 4e-3,
+    "roll_deg": 2e-3,
+    "pitch_deg": 1e-3,
+    "yaw_deg": 1e-3,
+}
 ALIGNMENT = tuple(f"right.alignment.{name}" for name in _STEPS)
 DOT_VARIANCE = "projector.dot_variance_mrad2"  # Of `projector.dot_blur_mrad`, squared.
 ALL = (*PARAMETERS, *ALIGNMENT, DOT_VARIANCE)
@@ -47,25 +52,18 @@ def formed(traced: Traced, names: tuple[str, ...] = ()) -> Linear:
     for name in names:
         errors.one_of("parameter", name, ALL)
     right = traced.side == "right"
-    moving = tuple(n.removeprefix("right.alignment.") for n in names if n in ALIGNMENT and right)
-    inner = [name for name in names if name in PARAMETERS]
-    linear = traced.linear(tuple(dict.fromkeys([*inner, *(RAY if moving else ())])))
-    parts = dict(zip(linear.columns, _seen(traced, (*linear.columns.values(),)), strict=True))
-    (image,) = _seen(traced, (linear.image,))
-    imager = traced.sensor.right if right else traced.sensor.left
-    columns: dict[str, Image] = {}
+    linear = traced.linear(tuple(name for name in names if name in PARAMETERS))
+    spread = _spread(traced, (linear.image, *linear.columns.values()))
+    image, *parts = _moved(traced, spread, _alignment(traced))
+    columns = dict(zip(linear.columns, parts, strict=True))
     for name in names:
-        if name in PARAMETERS:
-            columns[name] = parts[name]
-        elif name == DOT_VARIANCE:
+        if name == DOT_VARIANCE:
             scale = np.float32(0.5 * (1e-3 * traced.sensor.fx_px) ** 2)
             columns[name] = cv2.Laplacian(image, cv2.CV_32F) * scale
-        elif right:
-            shift = _slid(imager.alignment, Pinhole.of(traced.sensor), name.rpartition(".")[2])
-            columns[name] = parts[RAY[0]] * shift[0] + parts[RAY[1]] * shift[1]
-        else:
-            columns[name] = np.zeros_like(image)
-    return Linear(image=image, columns=columns)
+        elif name in ALIGNMENT:
+            field = name.rpartition(".")[2]
+            columns[name] = _slope(traced, spread[0], field) if right else np.zeros_like(image)
+    return Linear(image=image, columns={name: columns[name] for name in names})
 
 
 def flow(traced: Traced, names: tuple[str, ...]) -> dict[str, NDArray[np.float32]]:
@@ -94,16 +92,41 @@ def flow(traced: Traced, names: tuple[str, ...]) -> dict[str, NDArray[np.float32
     return found
 
 
-def _seen(traced: Traced, parts: tuple[Image, ...]) -> tuple[Image, ...]:
-    """Blur, move, dim and average images as the imager does."""
+def _alignment(traced: Traced) -> Alignment:
+    imager = traced.sensor.left if traced.side == "left" else traced.sensor.right
+    return imager.alignment
+
+
+def _spread(traced: Traced, parts: tuple[Image, ...]) -> tuple[Image, ...]:
+    """Blur images as the lens does."""
+    imager = traced.sensor.left if traced.side == "left" else traced.sensor.right
+    return spot.blurred(parts, traced.depth_m, imager.lens, Pinhole.of(traced.sensor))
+
+
+def _moved(traced: Traced, parts: tuple[Image, ...], aligned: Alignment) -> tuple[Image, ...]:
+    """Move, dim and average images as a misaligned imager does."""
     imager = traced.sensor.left if traced.side == "left" else traced.sensor.right
     pinhole = Pinhole.of(traced.sensor)
-    parts = spot.blurred(parts, traced.depth_m, imager.lens, pinhole)
-    parts = alignment.moved(parts, imager.alignment, pinhole)
+    parts = alignment.moved(parts, aligned, pinhole)
     if imager.lens.vignetting > 0:
         dimmed = shading.vignetting(imager.lens.vignetting, pinhole)
         parts = tuple(part * dimmed for part in parts)
     return tuple(smoothing.smoothed(part, imager.smoothing_px) for part in parts)
+
+
+def _slope(traced: Traced, spread: Image, field: str) -> Image:
+    """Derivative of the image by one number of the alignment: a difference of the move itself."""
+    step = _STEPS[field]
+    aligned = _alignment(traced)
+    ends = [
+        _moved(
+            traced,
+            (spread,),
+            dataclasses.replace(aligned, **{field: getattr(aligned, field) + way}),
+        )[0]
+        for way in (step, -step)
+    ]
+    return (ends[0] - ends[1]) / np.float32(2 * step)
 
 
 def _slid(

@@ -193,9 +193,7 @@ def _axes(rotation_deg: tuple[float, float, float], steps: Steps) -> tuple[Any, 
     return columns[0], columns[1], columns[2]
 
 
-def _rotation_slope(
-    rotation_deg: tuple[float, float, float], number: int
-) -> NDArray[np.float64]:
+def _rotation_slope(rotation_deg: tuple[float, float, float], number: int) -> NDArray[np.float64]:
     """Derivative (3, 3) of a rotation matrix by a component of its vector [1 / deg]."""
 
     def turned(step: float) -> NDArray[np.float64]:

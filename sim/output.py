@@ -54,6 +54,11 @@ class OutputFolder:
             raise
         return self
 
+    @property
+    def partial(self) -> Path:
+        """Where the folder's files stand until the `with` block ends."""
+        return self._partial
+
     def write(self, name: str, data: bytes | str) -> None:
         """Write one file, making the folders on its way.
 
@@ -101,14 +106,14 @@ def write_file(path: Path | str, data: bytes, *, force: bool = False) -> None:
         InputError: if it exists and `force` is not given, or cannot be written.
     """
     path = _resolved(path)
-    _refuse_taken(path, force=force)
+    refuse_taken(path, force=force)
     partial = _hidden_beside(path, "partial")
     with _refused(path):
         made_parents = _missing_parents(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             partial.write_bytes(data)
-            _refuse_taken(path, force=force)  # Somebody may have come first.
+            refuse_taken(path, force=force)  # Somebody may have come first.
             os.replace(partial, path)
         except BaseException:
             with _ignored():
@@ -161,7 +166,12 @@ def _remove_empty(folders: list[Path]) -> None:
             folder.rmdir()
 
 
-def _refuse_taken(path: Path, *, force: bool) -> None:
+def refuse_taken(path: Path, *, force: bool) -> None:
+    """Refuse to write a file where something stands that may not be replaced.
+
+    Raises:
+        InputError: if it is a folder, or exists and `force` is not given.
+    """
     with _refused(path):
         is_folder, exists = path.is_dir(), path.exists()
     if is_folder:

@@ -84,6 +84,14 @@ def _set(table: dict[str, Any], path: str, value: Any, *, typed: str) -> None:
                 value if axis == last else old for axis, old in zip(_AXES, table, strict=False)
             ]
             return
+        if isinstance(table, list) and table and isinstance(table[0], dict):
+            number = folders[depth] if depth < len(folders) else last
+            known = [str(i) for i in range(len(table))]
+            errors.one_of(f"number in {'.'.join(folders[:depth])}", number, known)
+            table = {str(i): item for i, item in enumerate(table)}
+            _set(table, ".".join([*folders[depth:], last]), value, typed=typed)
+            holder[name] = list(table.values())
+            return
         if not isinstance(table, dict):
             rest = ".".join([*folders[depth:], last])
             raise errors.refuse(

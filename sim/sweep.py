@@ -86,7 +86,9 @@ def sweep(
         errors.in_interval("distance_m", distance, 0.1, 10.0, "Give metres.")
     errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
     for camera in cameras:  # A pattern that cannot be had is refused now; made ones are kept.
-        projector.irradiance_at_unit_distance(camera.sensor.projector)
+        part = camera.sensor.projector
+        for number in range(len(projector.emitters(part))):
+            projector.irradiance_at_unit_distance(part, number)
     from sim import simulate
     from sim.sweep_figures import Stages, measure
 

@@ -19,25 +19,23 @@ from sim.sensor import Sensor
 from sim.sensor_edits import with_values
 from sim.stage import Stage
 
-# Steps that move dots by some hundredths of a pixel: further, and a difference runs over several
-# kinks of the linearly interpolated pattern; less, and single precision shows.
+# Steps that move dots by some thousandths of a pixel, some hundredths of a pixel of the pattern,
+# whose linear interpolation has a kink at each: further, and more differences run over kinks;
+# less, and single precision shows.
 STEPS = {
-    "fx_px": 0.03,
-    "cx_px": 0.02,
-    "cy_px": 0.02,
-    "baseline_m": 1e-4,
-    "projector.position_m.x": 1e-4,
-    "projector.position_m.y": 1e-4,
-    "projector.position_m.z": 1e-3,
-    "projector.rotation_deg.x": 0.01,
-    "projector.rotation_deg.y": 0.01,
-    "projector.rotation_deg.z": 0.02,
-    "projector.field": 2e-4,
-    "projector.pattern_scale": 2e-4,
+    "fx_px": 6e-3,
+    "cx_px": 4e-3,
+    "cy_px": 4e-3,
+    "baseline_m": 2e-5,
+    "projector.position_m.x": 2e-5,
+    "projector.position_m.y": 2e-5,
+    "projector.position_m.z": 2e-4,
+    "projector.rotation_deg.x": 2e-3,
+    "projector.rotation_deg.y": 2e-3,
+    "projector.rotation_deg.z": 4e-3,
+    "projector.field": 4e-5,
+    "projector.pattern_scale": 4e-5,
 }
-# Root mean square of what differences miss, over the derivative's own. A difference over h px of
-# a pattern whose pixels are p px wide mixes two slopes in h / p of all places: some percent.
-AGREEMENT = 0.03
 
 
 def small(**changes: object) -> Sensor:
@@ -74,10 +72,20 @@ def with_step(sensor: Sensor, name: str, step: float) -> Sensor:
     return parameters.with_values(sensor, [(name, parameters.value(sensor, name) + step)])
 
 
-def off(difference: np.ndarray, column: np.ndarray, where: np.ndarray) -> float:
-    """Root mean square of the disagreement over the derivative's."""
-    wrong = (difference - column)[where]
-    return float(np.sqrt(np.mean(wrong**2) / np.mean(column[where] ** 2)))
+def agree(difference: np.ndarray, column: np.ndarray, where: np.ndarray) -> None:
+    """Hold a difference against a derivative, in units of the derivative's root mean square.
+
+    Half the pixels agree to 0.3 % (single precision), all but a hundredth, which a kink lies in, to
+    15 %, and together, as a fit adds them, to 0.5 %. Of the rest nothing is said: there the
+    outline of a facet passes.
+    """
+    size = np.sqrt(np.mean(column[where] ** 2))
+    wrong = np.abs(difference - column)[where] / size
+    assert np.median(wrong) < 3e-3
+    assert np.quantile(wrong, 0.99) < 0.15
+    kept = where.copy()
+    kept[where] = wrong < np.quantile(wrong, 0.999)
+    assert (difference * column)[kept].sum() / (column**2)[kept].sum() == pytest.approx(1, abs=5e-3)
 
 
 def inside(*views: differentiable.Traced) -> np.ndarray:
@@ -103,7 +111,7 @@ def test_the_image_is_the_one_that_is_rendered(stage: Stage, side: differentiabl
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-@pytest.mark.parametrize("name", STEPS)
+@pytest.mark.parametrize("name", [name for name in STEPS if name != "projector.field"])
 def test_forward_mode_agrees_with_central_differences(
     stage: Stage, side: differentiable.Side, name: str
 ) -> None:
@@ -112,10 +120,7 @@ def test_forward_mode_agrees_with_central_differences(
     It proves that the derivative is of this image, not that the image is right, and nothing
     where an edge passes: there the image jumps.
     """
-    # An image may be stretched; what a generator draws anew for every field may not.
     sensor = small()
-    if name == "projector.field":
-        pytest.skip("generated patterns do not stretch: see the test with an image")
     traced = differentiable.trace(stage, sensor, side)
     column = traced.linear((name,)).columns[name]
     if name == "baseline_m" and side == "left":
@@ -126,11 +131,11 @@ def test_forward_mode_agrees_with_central_differences(
         differentiable.trace(stage, with_step(sensor, name, way), side) for way in (step, -step)
     ]
     difference = (ends[0].linear().image - ends[1].linear().image) / (2 * step)
-    assert off(difference, column, inside(traced, *ends)) < AGREEMENT
+    agree(difference, column, inside(traced, *ends))
 
 
 def test_the_field_of_an_image_stretches(stage: Stage, tmp_path) -> None:
-    """As above, of the field of a pattern that is an image."""
+    """As above, of the field: generated patterns are drawn anew for another, images stretch."""
     path = tmp_path / "dots.png"
     rng = np.random.default_rng(0)
     drawn = cv2.GaussianBlur(rng.random((288, 384), np.float32), (0, 0), 2.0)
@@ -145,7 +150,7 @@ def test_the_field_of_an_image_stretches(stage: Stage, tmp_path) -> None:
         for way in (step, -step)
     ]
     difference = (ends[0].linear().image - ends[1].linear().image) / (2 * step)
-    assert off(difference, column, inside(traced, *ends)) < AGREEMENT
+    agree(difference, column, inside(traced, *ends))
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
@@ -185,14 +190,14 @@ def test_emitters_add_up_and_all_move(stage: Stage) -> None:
             for way in (STEPS[name], -STEPS[name])
         ]
         difference = (ends[0].linear().image - ends[1].linear().image) / (2 * STEPS[name])
-        assert off(difference, whole.columns[name], inside(traced, *ends)) < AGREEMENT
+        agree(difference, whole.columns[name], inside(traced, *ends))
 
 
 @pytest.mark.parametrize("name", differentiable_image.ALIGNMENT)
 def test_alignment_moves_the_image_as_the_simulator_does(stage: Stage, name: str) -> None:
-    """Columns by alignment against differences of the simulator's own optics, about a turned imager."""
+    """Columns by alignment against differences of the simulator's optics, about a turned imager."""
     sensor = small(**{"right.alignment.yaw_deg": 0.4, "right.alignment.roll_deg": -0.3})
-    step = 0.02
+    step = 2e-3
     column = differentiable_image.formed(
         differentiable.trace(stage, sensor, "right"), (name,)
     ).columns[name]
@@ -205,8 +210,7 @@ def test_alignment_moves_the_image_as_the_simulator_does(stage: Stage, name: str
     traced = differentiable.trace(stage, sensor, "right")
     where = cv2.erode(inside(traced).astype(np.uint8), np.ones((7, 7), np.uint8)).astype(bool)
     difference = (ends[0] - ends[1]) / (2 * step)
-    # Sixth-order interpolation holds a slope to some percent at these dots' width.
-    assert off(difference, column, where) < 0.05
+    agree(difference, column, where)
 
 
 def test_the_flow_is_how_dots_move(stage: Stage) -> None:
@@ -219,7 +223,9 @@ def test_the_flow_is_how_dots_move(stage: Stage) -> None:
         carried = -sum(
             columns[ray] * flows[name][..., axis] for axis, ray in enumerate(differentiable.RAY)
         )
-        assert off(carried, columns[name], inside(traced)) < 0.05, name
+        where = inside(traced)
+        off = np.sqrt(np.mean((carried - columns[name])[where] ** 2))
+        assert off < 0.05 * np.sqrt(np.mean(columns[name][where] ** 2)), name
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
@@ -229,9 +235,7 @@ def test_scale_is_open_in_reference_depth(tmp_path, side: differentiable.Side) -
     Exact where the projector looks straight ahead and lies beside the left imager.
     """
     path = tmp_path / "dots.png"
-    drawn = cv2.GaussianBlur(
-        np.random.default_rng(1).random((288, 384), np.float32), (0, 0), 2.0
-    )
+    drawn = cv2.GaussianBlur(np.random.default_rng(1).random((288, 384), np.float32), (0, 0), 2.0)
     assert cv2.imwrite(str(path), (6e4 * drawn).astype(np.uint16))
     straight: dict[str, object] = {
         "projector.pattern": str(path),
@@ -251,9 +255,7 @@ def test_scale_is_open_in_reference_depth(tmp_path, side: differentiable.Side) -
         ],
     )
     images = [
-        differentiable_image.formed(
-            differentiable.trace(stage, one, side, reference=made)
-        ).image
+        differentiable_image.formed(differentiable.trace(stage, one, side, reference=made)).image
         for one in (sensor, wide)
     ]
     where = differentiable.trace(stage, sensor, side, reference=made).clear
@@ -276,13 +278,11 @@ def test_columns_by_reference_agree_with_differences() -> None:
         traced = differentiable.trace(stage, sensor, "right", reference=made)
         column = traced.linear((name,)).columns[name]
         ends = [
-            differentiable.trace(
-                stage, with_step(sensor, name, way), "right", reference=made
-            )
+            differentiable.trace(stage, with_step(sensor, name, way), "right", reference=made)
             for way in (STEPS[name], -STEPS[name])
         ]
         difference = (ends[0].linear().image - ends[1].linear().image) / (2 * STEPS[name])
-        assert off(difference, column, inside(traced, *ends)) < AGREEMENT, name
+        agree(difference, column, inside(traced, *ends))
 
 
 def test_what_cannot_be_differentiated_is_refused(stage: Stage) -> None:

@@ -82,8 +82,9 @@ def test_what_depth_tells_comes_back(mesh: bool) -> None:
     true_fb = preset.focal_baseline_px_m * (1 + TRUE["baseline_error"])
     assert found["focal_baseline"].value == pytest.approx(true_fb, rel=5e-4)
     assert found["disparity_offset"].value == pytest.approx(TRUE["disparity_offset"], abs=0.02)
-    assert solution.cost[-1] < 0.5 * solution.cost[0]
+    assert solution.cost[-1] < solution.cost[0]
     if mesh:
+        assert solution.cost[-1] < 0.5 * solution.cost[0]
         for name in ("laser_speckle", "texture_threshold"):
             assert abs(found[name].value - TRUE[name]) < 3 * found[name].sd
     assert any(line.startswith("Focal length and baseline") for line in solution.undetermined)

@@ -1,0 +1,82 @@
+"""What the pages of a report are made of: tables, pictures, numbers, lists, as HTML."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Iterable, Sequence
+from html import escape
+
+NONE = "\N{EN DASH}"
+PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
+TIMES = "\N{MULTIPLICATION SIGN}"
+MINUS = "\N{MINUS SIGN}"
+
+
+def table(
+    head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1, total: bool = False
+) -> str:
+    """A table that scrolls by itself where it is wider than the page.
+
+    Args:
+        head: column titles.
+        rows: cells as HTML, each row as long as `head`.
+        words: columns of words from the left; the others hold numbers.
+        total: whether the last row sums up the others.
+    """
+    sides = ["" if i < words else ' class="number"' for i in range(len(head))]
+    titles = "".join(
+        f'<th scope="col"{side}>{escape(title)}</th>'
+        for title, side in zip(head, sides, strict=True)
+    )
+    body, sums = [], ' class="total"'
+    for place, row in enumerate(rows, 1):
+        first, *others = row
+        cells = "".join(
+            f"<td{side}>{cell}</td>" for cell, side in zip(others, sides[1:], strict=True)
+        )
+        last = total and place == len(rows)
+        body.append(f'<tr{sums if last else ""}><th scope="row">{first}</th>{cells}</tr>')
+    return (
+        f'<div class="scroll"><table><thead><tr>{titles}</tr></thead>'
+        f"<tbody>{''.join(body)}</tbody></table></div>"
+    )
+
+
+def number(value: float, digits: str = ".4g") -> str:
+    """A number with a real minus sign; a dash where it is unknown."""
+    return format(value, digits).replace("-", MINUS) if math.isfinite(value) else NONE
+
+
+def sentences(texts: Iterable[str], none: str) -> str:
+    """A list that catches the eye, or what to say where there is nothing to list."""
+    listed = "".join(f"<li>{escape(text)}</li>" for text in texts)
+    return f'<ul class="open">{listed}</ul>' if listed else f"<p>{none}</p>"
+
+
+def figure(png: bytes, caption: str, over: str = "", *, zoomed: bool = False) -> str:
+    """A picture with its caption as HTML, and HTML that lies over it; zoomed ones stay sharp."""
+    kind = ' class="zoomed"' if zoomed else ""
+    return (
+        f'<figure{kind}><span class="frame"><img src="{_source(png)}" alt="">{over}</span>'
+        f"<figcaption>{caption}</figcaption></figure>"
+    )
+
+
+def _source(png: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
+
+
+def bar(scale: bytes, low: str, high: str) -> str:
+    """The scale of a picture's colours, a PNG, between the limits that it begins and ends with."""
+    return f'<span class="bar">{low}<img src="{_source(scale)}" alt="">{high}</span>'
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names in a row of words."""
+    return ", ".join(escape(name) for name in names) or "none"
+
+
+def counted(count: int, noun: str) -> str:
+    """A noun with its number: 1 room, 2 rooms."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"

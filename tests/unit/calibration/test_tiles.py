@@ -1,0 +1,91 @@
+"""Tile-wise least squares against plain least squares with every tile's factor as an unknown."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calibration import tiles
+
+SHAPE = (32, 48)  # Six tiles.
+
+
+@given(st.integers(0, 2**31 - 1))
+@settings(max_examples=20)
+def test_elimination_is_least_squares_with_a_factor_a_tile(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    signal, model, column = (rng.normal(2, 1, SHAPE) for _ in range(3))
+    weight = rng.uniform(0.5, 2, SHAPE)
+    gram = tiles.grams([signal, model, column], weight, means=False)
+    inner, _ = tiles.eliminated(gram, 1)
+    summed = inner.sum(axis=0)
+    cut = [tiles.tiled(image * np.sqrt(weight)) for image in (signal, model, column)]
+    design = np.zeros((6, 256, 7))
+    for tile in range(6):
+        design[tile, :, tile] = cut[1][tile]
+    design[:, :, 6] = cut[2]
+    whole = np.linalg.lstsq(design.reshape(-1, 7), cut[0].ravel(), rcond=None)[0]
+    assert summed[0, 1] / summed[1, 1] == pytest.approx(whole[6], rel=1e-6)
+
+
+def test_factor_with_its_gradient_is_found() -> None:
+    rng = np.random.default_rng(0)
+    model = rng.uniform(1, 2, SHAPE).astype(np.float32)
+    across, down = tiles.ramps(SHAPE)
+    factor = 0.7 + 0.2 * across - 0.1 * down
+    found = tiles.fitted_factor(factor * model, model, np.ones(SHAPE, np.float32))
+    np.testing.assert_allclose(found, factor, atol=1e-5)
+
+
+def test_what_has_no_weight_does_not_count() -> None:
+    weight = np.ones(SHAPE, np.float32)
+    weight[:16, :16] = np.arange(256).reshape(16, 16) < 100
+    gram = tiles.grams([np.ones(SHAPE), np.ones(SHAPE)], weight, means=False)
+    assert gram[0].sum() == 0  # Under half of the first tile counts.
+    assert (gram[1:, 0, 0] == 256).all()
+
+
+def test_means_compare_one_level_a_tile() -> None:
+    rng = np.random.default_rng(2)
+    image, other = rng.normal(5, 1, SHAPE), rng.normal(3, 1, SHAPE)
+    gram = tiles.grams([image, other], np.ones(SHAPE), means=True)
+    means = tiles.tiled(image).mean(axis=1), tiles.tiled(other).mean(axis=1)
+    np.testing.assert_allclose(gram[:, 0, 1], 256 * means[0] * means[1])
+
+
+def test_an_undetermined_parameter_has_no_finite_deviation() -> None:
+    rng = np.random.default_rng(3)
+    jacobian, residual = rng.normal(size=(40, 30, 2)), rng.normal(size=(40, 30))
+    columns = np.concatenate(
+        [residual[..., None], jacobian, np.zeros((40, 30, 1))], axis=2
+    )  # The last moves nothing.
+    gram = columns.transpose(0, 2, 1) @ columns
+    equations = tiles.normal(gram, np.full(40, 30), np.arange(40))
+    deviation = np.sqrt(np.diagonal(equations.covariance()))
+    assert deviation[:2] == pytest.approx(1 / np.sqrt(1200), rel=0.3)
+    assert np.isinf(deviation[2])
+    assert equations.step()[2] == 0
+
+
+def test_deviations_cover_errors_that_go_together_in_a_cluster() -> None:
+    """Errors common to each cluster: the deviation is that of clusters, not of pixels."""
+    found, deviations = [], []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        common = rng.normal(size=(30, 1)) + 0.1 * rng.normal(size=(30, 50))
+        columns = np.stack([common, np.ones((30, 50))], axis=2)
+        gram = columns.transpose(0, 2, 1) @ columns
+        equations = tiles.normal(gram, np.full(30, 50), np.arange(30))
+        found.append(equations.step()[0])
+        deviations.append(np.sqrt(equations.covariance()[0, 0]))
+    assert np.median(deviations) == pytest.approx(np.std(found), rel=0.2)
+
+
+def test_each_pixel_gets_its_tiles_value_back() -> None:
+    values = np.arange(6.0)
+    spread = tiles.spread(values, (35, 50))
+    np.testing.assert_array_equal(tiles.tiled(spread).mean(axis=1), values)
+    assert np.isnan(spread[32:]).all()
+    assert np.isnan(spread[:, 48:]).all()
