@@ -41,9 +41,10 @@ class Lattice:
 
     def nearest(self, cosines: NDArray) -> tuple[NDArray, NDArray]:
         """Number (n, 2) of the dot nearest to each direction, and the way from it (n, 2)."""
-        steps = cosines @ self.frequencies.T - self.phase
+        frequencies, pitch = (m.T.astype(cosines.dtype) for m in (self.frequencies, self.pitch))
+        steps = cosines @ frequencies - self.phase.astype(cosines.dtype)
         number = np.rint(steps)
-        return number.astype(np.int64), (steps - number) @ self.pitch.T
+        return number, (steps - number) @ pitch
 
     def dots(self, half_a: float, half_b: float) -> NDArray[np.float64]:
         """Cosines (n, 2) of all dots with |a| <= half_a and |b| <= half_b."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,13 @@ from calibration.emitter_model import Model
 from calibration.views import Array, View
 from sim.sensor import Sensor
 
-_EVERY_PX = 2  # Dots are three pixels wide: every other row and column tells as much for its time.
-_TILE = 16  # Of the pixels taken: 32 px of the image, some ten dots.
-_SETTLED = 0.2  # Steps below this share of every standard deviation end the fit.
+# Dots are three pixels wide: every other row and column tells as much for its time, and fewer do
+# until the dots are found.
+_FIRST_EVERY_PX = 4
+_EVERY_PX = 2
+_TILE_PX = 32  # Of the image: some ten dots.
+_SETTLED = 0.5  # Steps below this share of every standard deviation end the fit.
+_FINE_STEPS = 4  # At most, after the coarse ones.
 _LEAST_ROOMS = 3  # Fewer say nothing of how rooms differ.
 _ROUNDING = 1 / 12  # Variance of whole codes [DN^2].
 
@@ -45,13 +49,14 @@ class Fitted:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Sampled:
-    """Every other pixel of a view."""
+    """Every n-th row and column of a view."""
 
     scene: str
     room: str
     seen: Seen
     level: Array  # (h, w)
     weight: Array
+    tile_px: int  # Of the pixels taken.
 
 
 def fit(
@@ -59,7 +64,7 @@ def fit(
     sensor: Sensor,
     model: Model,
     *,
-    steps: int = 12,
+    steps: int = 8,
     only: Sequence[str] = (),
 ) -> Fitted:
     """Fit a model by Gauss-Newton steps with the tiles' levels and strengths eliminated.
@@ -68,7 +73,7 @@ def fit(
         views: of scenes that `model.scales` names.
         sensor: of the captures: noise, focal length.
         model: where to start; lattices within a quarter of their pitch.
-        steps: at most.
+        steps: at most, on few pixels; then up to four on all that count.
         only: names of what is freed; everything where none is named.
 
     Returns:
@@ -76,14 +81,22 @@ def fit(
         scores, which holds when residuals within a tile go together, and a jackknife over rooms,
         which holds when references are off by room.
     """
-    sampled = [_sampled(view, sensor) for view in views]
     held = np.array([bool(only) and name not in only for name in model.names])
+    coarse = _settled(_samples(views, sensor, _FIRST_EVERY_PX), model, held, steps)
+    fine = _settled(_samples(views, sensor, _EVERY_PX), coarse.model, held, _FINE_STEPS)
+    return replace(fine, cost=(*coarse.cost, *fine.cost))
+
+
+def _settled(
+    sampled: Sequence[_Sampled], model: Model, held: NDArray[np.bool_], steps: int
+) -> Fitted:
+    """Step until steps are small, at most so often."""
     costs: list[float] = []
     while True:
         normals = _normals(sampled, model)
         normal = elimination.total(list(normals.values()))
         costs.append(normal.squares / max(normal.count, 1))
-        gauge = _gauge(normal, model) if not only else np.zeros((len(held), len(held)))
+        gauge = np.zeros_like(normal.matrix) if held.any() else _gauge(normal, model)
         matrix, right_side = _solvable(normal.matrix + gauge, normal.right_side, held)
         off = np.array([model.scales.get(emitter_model.scene_of(n), 1) - 1 for n in model.names])
         inverse = np.linalg.inv(matrix)
@@ -116,8 +129,12 @@ def seen_of(view: View, sensor: Sensor, every_px: int = 1) -> Seen:
     )
 
 
-def _sampled(view: View, sensor: Sensor) -> _Sampled:
-    every = (slice(None, None, _EVERY_PX), slice(None, None, _EVERY_PX))
+def _samples(views: Sequence[View], sensor: Sensor, every_px: int) -> list[_Sampled]:
+    return [_sampled(view, sensor, every_px) for view in views]
+
+
+def _sampled(view: View, sensor: Sensor, every_px: int) -> _Sampled:
+    every = (slice(None, None, every_px), slice(None, None, every_px))
     level = np.ascontiguousarray(view.level_dn[every])
     above = np.maximum(level - np.float32(sensor.left.black_level_dn), 0)
     per_electron = sensor.left.dn_per_electron
@@ -125,9 +142,10 @@ def _sampled(view: View, sensor: Sensor) -> _Sampled:
     return _Sampled(
         scene=view.scene,
         room=view.room,
-        seen=seen_of(view, sensor, _EVERY_PX),
+        seen=seen_of(view, sensor, every_px),
         level=level,
         weight=np.where(view.usable[every], 1 / variance, 0).astype(np.float32),
+        tile_px=_TILE_PX // every_px,
     )
 
 
@@ -155,7 +173,7 @@ def _normal_of(one: _Sampled, model: Model) -> Normal:
         for name, column in found.items():
             columns[number, used.index(name)] = np.nan_to_num(column).reshape(shape)
     lights = np.stack([light.light.reshape(shape) for light in laid])
-    normal = elimination.eliminate(one.level, one.weight, lights, columns, tile_px=_TILE)
+    normal = elimination.eliminate(one.level, one.weight, lights, columns, tile_px=one.tile_px)
     return elimination.widened(normal, [names.index(name) for name in used], len(names))
 
 

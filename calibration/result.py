@@ -44,7 +44,8 @@ class Solution:
         """(n, n) correlation of the estimates; 0 beside one that is not determined."""
         deviation = np.sqrt(np.diagonal(self.covariance))
         safe = np.where(np.isfinite(deviation) & (deviation > 0), deviation, np.inf)
-        return np.nan_to_num(self.covariance / np.outer(safe, safe), nan=0.0)
+        with np.errstate(invalid="ignore"):
+            return np.nan_to_num(self.covariance / np.outer(safe, safe), nan=0.0)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

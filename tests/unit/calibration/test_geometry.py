@@ -1,0 +1,178 @@
+"""The geometry of small simulated sensors, fitted: found, named as open, or refused.
+
+What is simulated uses another seed and another number of sub-pixel positions than the fit does.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from calibration import geometry, parameters, residuals, start
+from calibration.observation import Observation
+from patterns.errors import InputError
+from sim import capture_writer, render, sensors
+from sim.scene import Scene
+from sim.scenes import builtin
+from sim.sensor import Sensor
+from sim.sensor_edits import with_values
+from sim.simulate import infrared
+from sim.stage import Stage
+
+FREE = ("baseline", "focal", "projector")
+
+
+def preset() -> Sensor:
+    """A d435 of 320x180, which sees its dots 1.3 px wide."""
+    sensor = sensors.load("d435")
+    scale = 320 / sensor.width
+    values = {
+        "width": 320,
+        "height": 180,
+        "fx_px": sensor.fx_px * scale,
+        "fy_px": sensor.fy_px * scale,
+        "cx_px": 159.5,
+        "cy_px": 89.5,
+        "imager.pixel_pitch_m": sensor.left.pixel_pitch_m / scale,
+    }
+    return with_values(sensor, values.items())
+
+
+def unit(sensor: Sensor) -> Sensor:
+    """One unit of it, off within the tolerances."""
+    part = sensor.projector
+    return parameters.with_values(
+        sensor,
+        [
+            ("baseline_m", sensor.baseline_m + 2.1e-3),
+            ("fx_px", sensor.fx_px * 1.007),
+            ("projector.position_m.x", part.position_m[0] - 3.3e-3),
+            ("projector.position_m.y", 2.5e-3),
+            ("projector.position_m.z", -3.9e-3),
+            ("projector.rotation_deg.x", 0.8),
+            ("projector.rotation_deg.y", -0.7),
+            ("projector.rotation_deg.z", 0.9),
+            ("projector.power_w", 1.6 * part.power_w),
+        ],
+    )
+
+
+def observed(scenes: Sequence[Scene], truth: Sensor, **changes: object) -> list[Observation]:
+    """Simulated captures of scenes known in metres."""
+    found = []
+    for number, scene in enumerate(scenes):
+        layers = render.layers(Stage(scene), truth, subpixels=3)
+        pair = infrared(layers, scene, truth, seed=40 + number)
+        assert pair.right is not None
+        seen = Observation(
+            name=scene.name,
+            room=scene.name,
+            info=capture_writer.info_of(preset(), source="a test", licence="", notes=""),
+            left=pair.left.astype(np.float32),
+            right=pair.right.astype(np.float32),
+            left_off=None,
+            right_off=None,
+            depth_m=None,
+            truth_m=layers.truth.depth_m,
+            scene=scene,
+            metric=True,
+            repeats=None,
+        )
+        found.append(dataclasses.replace(seen, **changes))
+    return found
+
+
+@pytest.fixture(scope="module")
+def table() -> list[Observation]:
+    """One unit's captures of a table."""
+    return observed([builtin.tabletop(3)], unit(preset()))
+
+
+def test_windows_find_the_dots_over_many_pixels(table: list[Observation]) -> None:
+    """The start alone comes within a twentieth of the tolerances; gain does not matter to it."""
+    sensor, truth = preset(), unit(preset())
+    rows = parameters.free(FREE, sensor)
+    begun = start.found(residuals.views(table, sensor), sensor, rows)
+    assert begun.correlation > 0.5
+    found = start.stepped(sensor, rows, begun.step)
+    for row in rows:
+        off = parameters.value(found, row.name) - parameters.value(truth, row.name)
+        assert abs(off) < 0.05 * row.tolerance, row.name
+
+
+@pytest.mark.slow
+def test_a_unit_is_found(table: list[Observation]) -> None:
+    """From one scene of 320x180, within the figures that hold for three of 640x360."""
+    truth = unit(preset())
+    solution = geometry.fit_geometry(table, preset(), free=FREE)
+    limits = {"baseline_m": 3e-5, "fx_px": 1e-3 * truth.fx_px}
+    for estimate in solution.estimates:
+        off = estimate.value - parameters.value(truth, estimate.name)
+        limit = limits.get(estimate.name, 1.5e-4 if "position" in estimate.name else 0.01)
+        assert abs(off) < limit, estimate.name
+        assert abs(off) < 4 * estimate.sd < 4 * limit, estimate.name
+    assert solution.undetermined == ()
+    assert solution.cost[0] >= solution.cost[-1] == 1
+    (both,) = (one for one in solution.derived if one.name == "focal_baseline_px_m")
+    assert abs(both.value - truth.focal_baseline_px_m) < 4 * both.sd
+    np.testing.assert_allclose(np.diagonal(solution.correlation), 1)
+
+
+@pytest.mark.slow
+def test_one_wall_leaves_directions_open() -> None:
+    """A fronto-parallel wall alone cannot tell the projector's place from its rotation."""
+    wall = observed([builtin.wall(1.0)], unit(preset()))
+    solution = geometry.fit_geometry(wall, preset(), free=(*FREE, "centre", "alignment"))
+    assert solution.undetermined
+    named = " ".join(solution.undetermined)
+    assert "cx_px" in named and "projector." in named
+    opened = {one.name for one in solution.estimates if not np.isfinite(one.sd)}
+    assert opened
+    assert np.isfinite(solution.correlation).all()
+
+
+def test_captures_without_the_dots_are_refused(table: list[Observation]) -> None:
+    noise = np.random.default_rng(0).random((180, 320), np.float32) * 100
+    dark = [dataclasses.replace(table[0], left=noise, right=noise[::-1].copy())]
+    with pytest.raises(InputError, match="captures must show the sensor's dots"):
+        geometry.fit_geometry(dark, preset(), free=("baseline",))
+
+
+def test_captures_that_cannot_be_fitted_are_refused(table: list[Observation]) -> None:
+    with pytest.raises(InputError, match="captures must hold a scene"):
+        geometry.fit_geometry([], preset())
+    for missing in ("scene", "left"):
+        with pytest.raises(InputError, match="must have infrared images and a posed mesh"):
+            geometry.fit_geometry([dataclasses.replace(table[0], **{missing: None})], preset())
+
+
+def test_bright_and_bent_levels_are_undone(table: list[Observation]) -> None:
+    """A view's levels go with the light; burnt ones do not count."""
+    left = np.full((180, 320), 255, np.float32)
+    left[:90] = 104
+    sensor = with_values(preset(), [("left.gamma", 2.0), ("left.black_level_dn", 4.0)])
+    view = residuals.views([dataclasses.replace(table[0], left=left)], sensor)[0]
+    np.testing.assert_allclose(view.level[:90], 255 * (100 / 255) ** 2, rtol=1e-4)
+    assert view.usable[:90].all() and not view.usable[90:].any()
+
+
+def test_another_body_in_a_tile_does_not_count(table: list[Observation]) -> None:
+    """Reflectance of one body twice what it was leaves the derivatives' pixels of tiles' others."""
+    sensor = unit(preset())
+    view = residuals.views(table, sensor)[0]
+    predicted = residuals.predict(view, sensor, parameters.free(("baseline", "focal"), sensor))
+    size = residuals.tile_px([predicted])
+    assert 12 <= size <= 48
+    normal = residuals.normal(predicted, size_px=size, blur_px=0.0, variance=None)
+    bodies, counts = np.unique(predicted.body[predicted.usable], return_counts=True)
+    chosen = bodies[np.argsort(counts)[-2]]
+    level = np.where(predicted.body == chosen, 2 * view.level, view.level)
+    bright = dataclasses.replace(predicted, view=dataclasses.replace(view, level=level))
+    other = residuals.normal(bright, size_px=size, blur_px=0.0, variance=normal.variances[0])
+    step, moved = (
+        -np.linalg.solve(one.information + np.eye(2), one.gradient) for one in (normal, other)
+    )
+    assert np.abs(moved - step).max() < 0.02  # In tolerances.
