@@ -261,7 +261,7 @@ def _converged(fit: dict[str, tuple[float, float, float]]) -> bool:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sensor", default="d435", choices=("d435", "d415"))
     parser.add_argument("--case", default="metric", choices=("metric", "reflectance", "reference"))
     parser.add_argument("--starts", type=int, default=40)

@@ -18,6 +18,7 @@ from calibration.views import Array
 _LATTICE = (
     *(f"frequency.{i}{j}" for i in range(2) for j in range(2)),
     *(f"phase.{i}" for i in range(2)),
+    *(f"keystone.{i}" for i in range(2)),
     "sigma",
 )
 _MOST_WIDER = 1.2  # A dot's width changes by at most this factor a step.
@@ -85,6 +86,7 @@ class Laid:
     there: emission.Directions
     light: Array  # (n,) of a dot's peak, or of the pattern's deviation; 0 where nothing is known.
     slope: Array  # (n, 2) of the light by the nominal cosines.
+    even: Array  # (n, 2) of the light by the cosines before any keystone.
     away: Array | None  # (n, 2) cosines from the nearest dot, of a lattice.
 
 
@@ -106,14 +108,18 @@ def _laid(
         away = emitter.source.nearest(cosines)[1].astype(np.float32)
         variance = np.float32(emitter.source.sigma**2)
         light = np.exp(-(away**2).sum(axis=1) / (2 * variance)) * known
-        slope = -away / variance * light[:, None]
-        return Laid(there=there, light=light.astype(np.float32), slope=slope, away=away)
+        even = -away / variance * light[:, None]
+        widening = emitter.source.keystone.astype(np.float32)
+        slope = (1 - cosines @ widening)[:, None] * even
+        slope -= (even * cosines).sum(axis=1)[:, None] * widening
+        return Laid(there=there, light=light.astype(np.float32), slope=slope, even=even, away=away)
     grid = emitter.source.grid
     place = grid.place(cosines)
     light, slope = np.zeros(len(place), np.float32), np.empty_like(place)
     cosine_image.read(emitter.source.value, place, light)
     cosine_image.slope(emitter.source.value, place, slope)
-    return Laid(there=there, light=light, slope=slope / np.float32(grid.step), away=None)
+    slope /= np.float32(grid.step)
+    return Laid(there=there, light=light, slope=slope, even=slope, away=None)
 
 
 def derivatives(
@@ -143,12 +149,15 @@ def derivatives(
 def _lattice_columns(lattice: Lattice, laid: Laid) -> list[Array]:
     """By frequencies, phase and width: a step s = F a - phase moves the dot's place."""
     assert laid.away is not None
-    of_steps = laid.slope @ lattice.pitch.astype(np.float32)
+    of_steps = laid.even @ lattice.pitch.astype(np.float32)
     cosines = laid.there.cosines
+    even = cosines * (1 - cosines @ lattice.keystone.astype(np.float32))[:, None]
+    outwards = (laid.even * cosines).sum(axis=1)
     squared = (laid.away**2).sum(axis=1) / np.float32(lattice.sigma**3)
     return [
-        *(of_steps[:, i] * cosines[:, j] for i in range(2) for j in range(2)),
+        *(of_steps[:, i] * even[:, j] for i in range(2) for j in range(2)),
         *(-of_steps[:, i] for i in range(2)),
+        *(-outwards * cosines[:, i] for i in range(2)),
         laid.light * squared,
     ]
 
@@ -177,11 +186,12 @@ def _moved(emitter: Emission, step: NDArray[np.float64]) -> Emission:
     position, source = emitter.position_m + step[:3], emitter.source
     if isinstance(source, Lattice):
         wider = np.clip(
-            source.sigma + step[9], source.sigma / _MOST_WIDER, source.sigma * _MOST_WIDER
+            source.sigma + step[11], source.sigma / _MOST_WIDER, source.sigma * _MOST_WIDER
         )
         source = Lattice(
             frequencies=source.frequencies + step[3:7].reshape(2, 2),
             phase=source.phase + step[7:9],
+            keystone=source.keystone + step[9:11],
             sigma=float(wider),
         )
     return Emission(position_m=position, source=source)

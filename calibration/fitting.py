@@ -83,8 +83,7 @@ def fit(
     fitted, recovered, solutions = sensor, None, {}
     if PATTERN in free:
         with clock.stage(PATTERN):
-            views = [view for one in tell(observations, "views") for view in seeing.of(one, sensor)]
-            recovered = pattern.recover(views, sensor, tell=tell)
+            recovered = _recovered(observations, sensor, tell)
             metric = all(one.metric for one in observations)
             solutions[PATTERN] = pattern_solution.solution(recovered, sensor, metric=metric)
             fitted = pattern_sensor.with_pattern(sensor, recovered, folder)
@@ -115,6 +114,17 @@ def fit(
         recovered=recovered,
         seconds=clock.seconds,
     )
+
+
+def _recovered(
+    observations: Sequence[Observation], sensor: Sensor, tell: progress.Progress
+) -> Recovered:
+    """Recover the pattern, and once more as its own alignment has the images."""
+    views = [view for one in tell(observations, "views") for view in seeing.of(one, sensor)]
+    recovered = pattern.recover(views, sensor, tell=tell)
+    aligned = pattern_sensor.aligned(sensor, recovered.model)
+    views = [view for one in tell(observations, "views") for view in seeing.of(one, aligned)]
+    return pattern.again(recovered, views, aligned)
 
 
 def _held_out(scenes: Sequence[CapturedScene], asked: Sequence[str] | None) -> tuple[str, ...]:

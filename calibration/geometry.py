@@ -63,7 +63,10 @@ def fit_geometry(
         # As many fewer pixels are independent as the Gaussian's squared integral says.
         inflation=max(4 * np.pi * blur**2, 1.0),
     )
-    return solution(solved, sensor, rows)
+    found = uncertainty.of(solved.equations)
+    if FIELD in (row.name for row in rows) and not any(seen.metric for seen in observations):
+        found = uncertainty.scale_open(found, rows)
+    return solution(solved, found, sensor, rows)
 
 
 class _Fit:
@@ -116,10 +119,10 @@ def solution(solved: solve.Solved[Normal], sensor: Sensor, free: Sequence[Parame
 
     Args:
         solved: in tolerances.
+        found: how sure it is.
         sensor: where it began.
         free: its parameters.
     """
-    found = uncertainty.of(solved.equations)
     ended = start.stepped(sensor, free, solved.step)
     unit = np.array([_unit(row, ended) for row in free])
     covariance = found.covariance * np.outer(unit, unit)

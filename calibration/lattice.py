@@ -6,7 +6,7 @@ spectrum is a lattice of sharp peaks, the reciprocal one; emitters side by side 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import cv2
@@ -23,15 +23,20 @@ _MOST_LATTICES = 4
 _TOLERANCE_BINS = 3.0
 _LEAST_OF_FIRST = 0.3  # A lattice's peaks over the first one's: products of two lattices are less.
 _LEAST_SINE = 0.5  # Two basis vectors enclose at least 30 degrees.
+_INVERTED = 6  # Rounds that invert the keystone: each is exact by a further factor of |k|.
 _FIRST_SIGMA = 1.75e-3  # Of a dot, in cosines, before any fit.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Lattice:
-    """Dots at all cosines a where F a - phase is whole."""
+    """Dots at all cosines a where F a (1 - k . a) - phase is whole.
+
+    The keystone k lets the lattice widen towards one side: its scale at a is 1 + k . a.
+    """
 
     frequencies: NDArray[np.float64]  # (2, 2), F by rows: cycles over a unit of cosine.
     phase: NDArray[np.float64]  # (2,)
+    keystone: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))  # (2,) k.
     sigma: float = _FIRST_SIGMA  # Deviation of a dot's light on each axis, in cosines.
 
     @property
@@ -40,9 +45,13 @@ class Lattice:
         return np.linalg.inv(self.frequencies)
 
     def nearest(self, cosines: NDArray) -> tuple[NDArray, NDArray]:
-        """Number (n, 2) of the dot nearest to each direction, and the way from it (n, 2)."""
+        """Number (n, 2) of the dot nearest to each direction, and the way from it (n, 2).
+
+        The way is that of an even lattice, before the keystone.
+        """
         frequencies, pitch = (m.T.astype(cosines.dtype) for m in (self.frequencies, self.pitch))
-        steps = cosines @ frequencies - self.phase.astype(cosines.dtype)
+        even = cosines * (1 - cosines @ self.keystone.astype(cosines.dtype))[:, None]
+        steps = even @ frequencies - self.phase.astype(cosines.dtype)
         number = np.rint(steps)
         return number, (steps - number) @ pitch
 
@@ -52,7 +61,10 @@ class Lattice:
         steps = corners @ self.frequencies.T - self.phase
         low, high = np.floor(steps.min(0)).astype(int), np.ceil(steps.max(0)).astype(int)
         i, j = np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high, strict=True)))
-        found = (np.stack([i.ravel(), j.ravel()], axis=1) + self.phase) @ self.pitch.T
+        even = (np.stack([i.ravel(), j.ravel()], axis=1) + self.phase) @ self.pitch.T
+        found = even
+        for _ in range(_INVERTED):
+            found = even / (1 - found @ self.keystone)[:, None]
         return found[(np.abs(found) <= [half_a, half_b]).all(axis=1)]
 
 

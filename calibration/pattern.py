@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from calibration import emission, emitter_model, lattice, modulation, pattern_fit, unprojected
 from calibration.cosine_image import Grid
+from calibration.emission import Alignment
 from calibration.emitter_model import Emission, Model
 from calibration.lattice import Lattice
 from calibration.modulation import Modulation
@@ -25,8 +26,7 @@ from sim import progress
 from sim import projector as light
 from sim.sensor import Sensor
 
-_ROUNDS = 4  # Of image and place in turn.
-_STEPS_BETWEEN = 2  # Of the place, between two images.
+_ROUNDS = 10  # Of image and place in turn.
 _TEXELS_PER_PIXEL = 0.9  # Of the pattern's image, over the imager's pixels on the axis.
 _MARGIN = 1.02  # The grid's extent over the field's.
 _SCALES = np.arange(-6e-3, 6.01e-3, 5e-4)  # Pattern scales less 1 that a scene may begin from.
@@ -39,6 +39,11 @@ class Recovered:
 
     fitted: Fitted
     image: PatternImage  # As from one emitter at the projector's place, mean scale.
+
+    @property
+    def model(self) -> Model:
+        """The emitters and all else that was fitted."""
+        return self.fitted.model
 
     @property
     def lattices(self) -> tuple[Lattice, ...]:
@@ -80,15 +85,51 @@ def recover(
         return Recovered(
             fitted=pattern_fit.fit(views, sensor, replace(start, emitters=emitters)), image=image
         )
-    fitted = None
-    for _ in tell(range(_ROUNDS), "pattern"):
-        emitters = (Emission(position_m=position, source=image),)
-        fitted = pattern_fit.fit(
-            views, sensor, replace(start, emitters=emitters), steps=_STEPS_BETWEEN
-        )
-        start, position = fitted.model, fitted.model.emitters[0].position_m
-        image = _image(views, sensor, start, position, grid, seen)
-    assert fitted is not None
+    model = replace(start, emitters=(Emission(position_m=position, source=image),))
+    recovered = _round(views, sensor, model, seen)
+    for _ in tell(range(_ROUNDS - 1), "pattern"):
+        recovered = _round(views, sensor, recovered.model, seen)
+    return recovered
+
+
+def again(recovered: Recovered, views: Sequence[View], sensor: Sensor) -> Recovered:
+    """Fit once more, to views as the recovered alignment of the right image places them.
+
+    A fit's own move of the right image keeps every pixel's depth; on a slanted surface that errs
+    by the move times the slope. Seen anew, next to nothing is left to move.
+
+    Args:
+        recovered: from `recover`.
+        views: of the same scenes by `sensor`.
+        sensor: `pattern_sensor.aligned` by what was recovered.
+
+    Returns:
+        What was recovered, its alignment off the sensor that `recover` began from.
+    """
+    before = recovered.model
+    model = replace(before, alignment=Alignment())
+    if recovered.lattices:
+        found = replace(recovered, fitted=pattern_fit.fit(views, sensor, model))
+    else:
+        seen = {id(view): modulation_of(view, sensor) for view in views}
+        found = _round(views, sensor, model, seen)
+    both = before.alignment.as_vector() + found.model.alignment.as_vector()
+    whole = replace(found.model, alignment=Alignment.of(both))
+    return replace(found, fitted=replace(found.fitted, model=whole))
+
+
+def _round(
+    views: Sequence[View], sensor: Sensor, model: Model, seen: Mapping[int, Modulation]
+) -> Recovered:
+    """Place the emitter of an image, then take the image anew from there."""
+    fitted = pattern_fit.fit(views, sensor, model, steps=1)
+    (emitter,) = fitted.model.emitters
+    assert isinstance(emitter.source, PatternImage)
+    image = _image(
+        views, sensor, fitted.model, emitter.position_m, emitter.source.grid, seen, emitter.source
+    )
+    emitter = replace(emitter, source=image)
+    fitted = replace(fitted, model=replace(fitted.model, emitters=(emitter,)))
     return Recovered(fitted=fitted, image=image)
 
 
@@ -146,6 +187,7 @@ def _image(
     position: NDArray[np.float64],
     grid: Grid,
     seen: Mapping[int, Modulation],
+    start: PatternImage | None = None,
 ) -> PatternImage:
     """Solve for the pattern as an image, all else as the model has it."""
     placed = []
@@ -161,7 +203,9 @@ def _image(
         placed.append(
             Placed(modulation=seen[id(view)], cosines=cosines, blur_px=imager_blur_px(sensor))
         )
-    return unprojected.solve(placed, grid)
+    if start is None:
+        return unprojected.solve(placed, grid)
+    return unprojected.solve(placed, grid, start=start.value, rounds=1)
 
 
 def _agreement(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -36,7 +36,7 @@ class View:
     """What one imager saw of one scene."""
 
     scene: str
-    side: Literal["left", "right"]
+    side: differentiable.Side
     stage: Any
     reference: Pinhole | None  # That a reference depth map was seen with; None: known in metres.
     level: Array  # (h, w) linear in light [DN].
@@ -122,10 +122,11 @@ def views(observations: Iterable[Observation], sensor: Sensor) -> tuple[View, ..
             )
         stage = Stage(seen.scene)
         reference = None if seen.metric else Pinhole.of(seen.info)
-        for side, level, part in (
+        pair: tuple[tuple[differentiable.Side, Array | None, Imager], ...] = (
             ("left", seen.left, sensor.left),
             ("right", seen.right, sensor.right),
-        ):
+        )
+        for side, level, part in pair:
             if level is None or (side == "right" and sensor.kind == "structured_light"):
                 continue
             found.append(
@@ -219,7 +220,7 @@ def normal(
     level, light = (_blurred(image, blur_px) for image in (view.level, predicted.light))
     columns = [_blurred(image, blur_px) for image in predicted.columns.values()]
     usable = _eroded(predicted.usable, round(2 * blur_px)) & _main_body(predicted.body, size_px)
-    height = cv2.GaussianBlur(level, (0, 0), 1.0)
+    height = _blurred(level, 1.0)
     if variance is None:
         even = usable.astype(np.float32)
         plain = variable_projection.eliminate(level, [light], even, size_px=size_px)
@@ -229,7 +230,7 @@ def normal(
             variable_projection.cut(usable, size_px) > 0,
         )
     expected = variance.at(height)
-    weight = usable / expected
+    weight = np.where(usable, 1 / expected, 0).astype(np.float32)
     first = variable_projection.eliminate(level, [light], weight, size_px=size_px)
     down = variable_projection.joined(_cauchy_weight(first.residual), weight.shape, size_px)
     fitted = variable_projection.eliminate(level, [light], weight * down, size_px=size_px)

@@ -24,7 +24,8 @@ _WORST = 1e4  # Damping beyond which no step helps.
 _MOST_STEPS = 10  # In each stage.
 _DONE = 0.05  # Squared step in its standard deviations below which no other is tried.
 _COARSE_DONE = 3.0  # Likewise where a finer stage follows.
-_NOTHING = 1.0  # Rise of the cost that is no worse: robust weights change a little with a step.
+# Rise of the mean cost, of itself, that is no worse: with a step a few pixels come and go.
+_NOTHING = 1e-3
 
 
 class Equations(Protocol):
@@ -80,20 +81,20 @@ def solve(coarse: Evaluate[E], fine: Evaluate[E], step: Vector, *, inflation: fl
         inflation: variance of sums of coarse residuals over what it were if they were
             independent: smoothed images seem surer than they are.
     """
-    step, _, _ = _descended(coarse, step, done=_COARSE_DONE * inflation, unit=inflation)
-    step, equations, costs = _descended(fine, step, done=_DONE, unit=1.0)
+    step, _, _ = _descended(coarse, step, done=_COARSE_DONE * inflation)
+    step, equations, costs = _descended(fine, step, done=_DONE)
     return Solved(step=step, equations=equations, costs=tuple(cost / costs[-1] for cost in costs))
 
 
 def _descended(
-    evaluate: Evaluate[E], step: Vector, *, done: float, unit: float
+    evaluate: Evaluate[E], step: Vector, *, done: float
 ) -> tuple[Vector, E, list[float]]:
     """Step until it is short: where to, the equations there, and the mean cost on the way."""
     equations = evaluate(step, None)
     costs = [_mean(equations)]
     damping = 0.0
     for _ in range(_MOST_STEPS):
-        trial, length, damping = _tried(evaluate, equations, step, damping, done, unit)
+        trial, length, damping = _tried(evaluate, equations, step, damping, done)
         if trial is None:
             break
         step = trial
@@ -114,14 +115,13 @@ def _tried(
     step: Vector,
     damping: float,
     done: float,
-    unit: float,
 ) -> tuple[Vector | None, float, float]:
     """One step that lowers the cost, the squared way left in deviations, and the damping after.
 
     A step too short to matter is not looked at again.
     """
     information = equations.information + np.eye(len(step))
-    cost = equations.cost + float(step @ step)
+    cost = (equations.cost + float(step @ step)) / equations.freedom
     downhill = -(equations.gradient + step)
     # Damping shortens steps most where least is known, so that a damped one says nothing of the
     # way that is left.
@@ -132,7 +132,9 @@ def _tried(
     scale = np.diag(np.diagonal(information))
     while damping < _WORST:
         trial = step + np.linalg.solve(information + damping * scale, downhill)
-        if evaluate(trial, equations).cost + float(trial @ trial) < cost + _NOTHING * unit:
+        there = evaluate(trial, equations)
+        mean = there.cost / there.freedom + float(trial @ trial) / equations.freedom
+        if mean < (1 + _NOTHING) * cost:
             return trial, length, damping / 10 if damping > _DAMPING else 0.0
         damping = max(10 * damping, _DAMPING)
     return None, length, damping

@@ -64,7 +64,8 @@ class Uncertainty:
 
     covariance: Matrix  # (p, p), what is open held by the tolerances alone.
     open: NDArray[np.bool_]  # (p,) parameters that the captures do not determine.
-    directions: Matrix  # (q, p) unit combinations that they do not determine, worst first.
+    # (q, p) combinations that they do not determine, worst first, each as long as its deviation.
+    directions: Matrix
 
 
 def of(equations: Clustered) -> Uncertainty:
@@ -90,8 +91,8 @@ def of(equations: Clustered) -> Uncertainty:
     # What is open shows in the information: there, the spread of few scores says nothing.
     value, vector = np.linalg.eigh(inverse)
     worst = np.flatnonzero(value > OPEN**2)[::-1]
-    directions = vector[:, worst].T
-    from_open = (directions**2 * value[worst, None]).sum(axis=0)
+    directions = (vector[:, worst] * np.sqrt(value[worst])).T
+    from_open = (directions**2).sum(axis=0)
     whole = np.diagonal(inverse)
     undetermined = (from_open > _OPEN_SHARE * whole) & (whole > _LEAST_SD**2)
     return Uncertainty(
@@ -99,18 +100,38 @@ def of(equations: Clustered) -> Uncertainty:
     )
 
 
+def scale_open(found: Uncertainty, free: Sequence[Parameter]) -> Uncertainty:
+    """Take the common scale of focal length, baseline and field as open, whatever residuals say.
+
+    Reference depth alone leaves it open where the projector looks straight ahead. A turned one
+    bends its field by hundredths of a pixel with it, which decides in a simulation, but which a
+    lens's residual distortion imitates in a device.
+
+    Args:
+        found: of captures of reference depth alone, the field among the free parameters.
+        free: the parameters.
+    """
+    scaled = ("fx_px", "baseline_m", "projector.field")
+    direction = np.array([float(row.name in scaled) for row in free])
+    fresh = (direction != 0) & ~found.open
+    if not fresh.any():
+        return found
+    return Uncertainty(
+        covariance=found.covariance,
+        open=found.open | fresh,
+        directions=np.concatenate([found.directions, direction[None]]),
+    )
+
+
 def sentences(found: Uncertainty, free: Sequence[Parameter]) -> tuple[str, ...]:
     """Say of each open direction which parameters it mixes, and which capture would tell them."""
     out = []
-    for direction in found.directions:
-        order = np.argsort(-np.abs(direction))
-        part = np.abs(direction[order])
-        named = [
-            free[i].name
-            for i, share in zip(order, part, strict=True)
-            if share > _NAMED or (found.open[i] and share > 0.1)
-        ]
-        out.append(_sentence(named))
+    for number, direction in enumerate(found.directions):
+        part = np.abs(direction) / np.linalg.norm(direction)
+        # Each open parameter is named at least where most of its variance is from.
+        mainly = found.open & (np.abs(found.directions).argmax(axis=0) == number)
+        order = np.argsort(-part)
+        out.append(_sentence([free[i].name for i in order if part[i] > _NAMED or mainly[i]]))
     return tuple(out)
 
 

@@ -45,12 +45,20 @@ class PatternImage:
     views: Array  # (h, w) coverage: how many views' pixels looked there, by weight of the largest.
 
 
-def solve(placed: Sequence[Placed], grid: Grid, *, rounds: int = 2, steps: int = 8) -> PatternImage:
+def solve(
+    placed: Sequence[Placed],
+    grid: Grid,
+    *,
+    start: Array | None = None,
+    rounds: int = 2,
+    steps: int = 8,
+) -> PatternImage:
     """Solve for the pattern and the views' local gains in turn.
 
     Args:
         placed: views; at least one.
         grid: of the pattern.
+        start: (h, w) pattern to begin from; nothing is known of it where None.
         rounds: of gains and pattern.
         steps: of conjugate gradients a round.
 
@@ -58,7 +66,7 @@ def solve(placed: Sequence[Placed], grid: Grid, *, rounds: int = 2, steps: int =
         The pattern, with the deviation that the views' noise leaves (the diagonal of the normal
         equations; neighbouring directions share some of it).
     """
-    value = np.zeros(grid.shape, np.float32)
+    value = np.zeros(grid.shape, np.float32) if start is None else start
     placed = [replace(one, cosines=grid.place(one.cosines)) for one in placed]
     information = np.zeros(grid.shape, np.float32)
     for _ in range(rounds):

@@ -18,6 +18,7 @@ from sim.sensor import Sensor
 Array = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 
+_LIT = 0.5  # Of a pixel, between lit and dark ones.
 _NEAR_SHADOW_PX = 2  # Pixels this near a shadow's edge are left out: the reference is unsure there.
 _BURNT_SHARE = 0.98  # Of the highest code: levels from here on are clipped.
 
@@ -39,7 +40,7 @@ def of(observation: Observation, sensor: Sensor) -> tuple[View, ...]:
 
     Args:
         observation: with infrared images and a surface.
-        sensor: whose intrinsics, baseline and projector are believed for now.
+        sensor: whose intrinsics, baseline, alignment and projector are believed for now.
 
     Raises:
         InputError: if infrared images or surface are missing.
@@ -71,12 +72,19 @@ def _view(
     from sim.layers import View as Rendered
 
     assert isinstance(rendered, Rendered)
-    depth = rendered.depth_m
+    lit = (rendered.projector_direct > 0).astype(np.float32)
+    points, lit = _moved(
+        _points(rendered.depth_m, sensor, sensor.baseline_m if side == "right" else 0.0),
+        lit,
+        sensor,
+        side,
+    )
+    depth = points[..., 2]
     disparity = disparity_from_depth(depth, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m)
     usable = np.isfinite(depth) & ~metrics.depth_edges(disparity)
     side_px = 2 * _NEAR_SHADOW_PX + 1
-    lit = (rendered.projector_direct > 0).astype(np.uint8)
-    usable &= cv2.erode(lit, np.ones((side_px, side_px), np.uint8)).astype(bool)
+    well_lit = (lit > _LIT).astype(np.uint8)
+    usable &= cv2.erode(well_lit, np.ones((side_px, side_px), np.uint8)).astype(bool)
     usable &= level_dn < _BURNT_SHARE * sensor.left.ceiling_dn
     if side == "left" and observation.truth_m is not None and not observation.metric:
         usable &= np.isfinite(observation.truth_m)
@@ -85,9 +93,27 @@ def _view(
         room=observation.room,
         side=side,
         level_dn=level_dn,
-        points_m=_points(depth, sensor, sensor.baseline_m if side == "right" else 0.0),
+        points_m=points,
         usable=usable,
     )
+
+
+def _moved(
+    points_m: Array, lit: Array, sensor: Sensor, side: Literal["left", "right"]
+) -> tuple[Array, Array]:
+    """Points and light where a misaligned imager's pixels see them."""
+    from sim.optics import alignment
+    from sim.parts.lens import Alignment
+    from sim.pinhole import Pinhole
+
+    aligned = sensor.left.alignment if side == "left" else sensor.right.alignment
+    if aligned == Alignment():
+        return points_m, lit
+    x, y, z = (np.ascontiguousarray(points_m[..., axis]) for axis in range(3))
+    x[[0, -1]] = np.nan  # Beyond the border nothing is known.
+    x[:, [0, -1]] = np.nan
+    x, y, z, lit = alignment.moved((x, y, z, lit), aligned, Pinhole.of(sensor))
+    return np.where(np.isfinite(x)[..., None], np.stack([x, y, z], axis=-1), np.nan), lit
 
 
 def _points(depth_m: Array, sensor: Sensor, shift_m: float) -> Array:

@@ -131,3 +131,12 @@ def test_the_remedy_for_blur_is_light() -> None:
     found = uncertainty.of(toy(np.zeros((1, 1)), np.zeros((1, 1, 1))))
     (sentence,) = uncertainty.sentences(found, (blur,))
     assert "more light" in sentence
+
+
+def test_the_scale_of_reference_depth_is_named_whatever_residuals_say() -> None:
+    every = of_directions((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))
+    found = uncertainty.scale_open(every, ROWS)
+    assert list(found.open) == [True, True, False, False]
+    (sentence,) = uncertainty.sentences(found, ROWS)
+    assert "fx_px" in sentence and "baseline_m" in sentence
+    assert uncertainty.scale_open(found, ROWS) is found

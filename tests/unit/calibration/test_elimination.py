@@ -1,0 +1,185 @@
+"""Least squares with levels, slopes and strengths eliminated, tile by tile."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calibration import elimination
+from calibration.elimination import Normal
+
+TILE, ROWS, ACROSS = 8, 2, 3
+SHAPE = (ROWS * TILE, ACROSS * TILE)
+COUNT, PARAMETERS = 2, 3
+
+
+def _problem(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights, templates and their derivatives."""
+    rng = np.random.default_rng(seed)
+    weight = rng.uniform(0.5, 2.0, SHAPE).astype(np.float32)
+    weight[rng.random(SHAPE) < 0.1] = 0
+    templates = rng.uniform(0, 1, (COUNT, *SHAPE)).astype(np.float32)
+    columns = rng.standard_normal((COUNT, PARAMETERS, *SHAPE)).astype(np.float32)
+    return weight, templates, columns
+
+
+def _tiles() -> list[tuple[slice, slice]]:
+    return [
+        (slice(r * TILE, (r + 1) * TILE), slice(c * TILE, (c + 1) * TILE))
+        for r in range(ROWS)
+        for c in range(ACROSS)
+    ]
+
+
+def _reading(
+    templates: np.ndarray, seed: int = 1, *, level: float = 30.0, slope: float = 4.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """A reading that the model explains, and the strengths (tiles, k) it was made with."""
+    rng = np.random.default_rng(seed)
+    image = np.zeros(SHAPE, np.float32)
+    strengths = rng.uniform(5, 15, (ROWS * ACROSS, COUNT))
+    y, x = np.mgrid[:TILE, :TILE] / TILE
+    for tile, own in zip(_tiles(), strengths, strict=True):
+        even = level + slope * (rng.uniform(-1, 1) * x + rng.uniform(-1, 1) * y)
+        image[tile] = even + np.tensordot(own, templates[(slice(None), *tile)], axes=1)
+    return image, strengths
+
+
+def _eliminated(
+    image: np.ndarray, weight: np.ndarray, templates: np.ndarray, columns: np.ndarray
+) -> Normal:
+    return elimination.eliminate(image, weight, templates, columns, tile_px=TILE)
+
+
+def _dense(
+    image: np.ndarray,
+    weight: np.ndarray,
+    templates: np.ndarray,
+    columns: np.ndarray,
+    strengths: np.ndarray,
+) -> np.ndarray:
+    """The parameters' step of one weighted least squares with every tile's unknowns as columns."""
+    y, x = np.mgrid[:TILE, :TILE] / TILE
+    own = 3 + COUNT
+    tiles = _tiles()
+    matrix = np.zeros((len(tiles), TILE * TILE, PARAMETERS + own * len(tiles)))
+    reading = np.zeros((len(tiles), TILE * TILE))
+    for number, tile in enumerate(tiles):
+        root = np.sqrt(weight[tile]).ravel()
+        at = PARAMETERS + own * number
+        basis = [np.ones_like(x), x, y, *templates[(slice(None), *tile)]]
+        for i, row in enumerate(basis):
+            matrix[number, :, at + i] = root * row.ravel()
+        slopes = np.tensordot(strengths[number], columns[(slice(None), slice(None), *tile)], axes=1)
+        matrix[number, :, :PARAMETERS] = root[:, None] * slopes.reshape(PARAMETERS, -1).T
+        reading[number] = root * image[tile].ravel()
+    flat = matrix.reshape(-1, matrix.shape[-1])
+    return np.linalg.lstsq(flat, reading.ravel(), rcond=None)[0][:PARAMETERS]
+
+
+def _step(normal: Normal) -> np.ndarray:
+    return np.linalg.solve(normal.matrix, normal.right_side)
+
+
+def test_the_step_is_that_of_dense_least_squares() -> None:
+    """Residuals of a hundredth of a deviation: there robust weights are one to 1e-4.
+
+    How robust weights act on larger residuals is not shown here.
+    """
+    weight, templates, columns = _problem(0)
+    image, strengths = _reading(templates)
+    truth = np.array([1e-3, -5e-4, 7e-4])
+    for number, tile in enumerate(_tiles()):
+        slopes = np.tensordot(strengths[number], columns[(slice(None), slice(None), *tile)], axes=1)
+        image[tile] += np.tensordot(truth, slopes, axes=1)
+    normal = _eliminated(image, weight, templates, columns)
+    dense = _dense(image, weight, templates, columns, normal.strengths)
+    np.testing.assert_allclose(_step(normal), dense, rtol=2e-3, atol=1e-6)
+    np.testing.assert_allclose(dense, truth, rtol=0.02, atol=1e-5)
+
+
+def test_strengths_are_found_and_nothing_is_left() -> None:
+    """What the model explains leaves rounding alone: images are single precision, 3e-6 DN."""
+    weight, templates, columns = _problem(2)
+    image, strengths = _reading(templates)
+    normal = _eliminated(image, weight, templates, columns)
+    np.testing.assert_allclose(normal.strengths, strengths, rtol=1e-4)
+    assert normal.squares / normal.count < 1e-9
+    assert normal.count == np.count_nonzero(weight)
+    assert np.abs(_step(normal)).max() < 1e-5
+
+
+@given(st.floats(0, 200), st.floats(-20, 20), st.integers(0, 99))
+@settings(max_examples=25)
+def test_a_tile_s_level_and_slopes_change_nothing(level: float, slope: float, seed: int) -> None:
+    """Of residuals far from nothing: the same equations, whatever is added evenly to tiles."""
+    weight, templates, columns = _problem(seed)
+    noise = np.random.default_rng(seed).standard_normal(SHAPE).astype(np.float32)
+    plain = _reading(templates, seed, level=0.0, slope=0.0)[0] + noise
+    lifted = _reading(templates, seed, level=level, slope=slope)[0] + noise
+    one, other = (_eliminated(image, weight, templates, columns) for image in (plain, lifted))
+    size = np.abs(one.matrix).max()
+    np.testing.assert_allclose(other.matrix, one.matrix, atol=1e-4 * size)
+    np.testing.assert_allclose(_step(other), _step(one), atol=1e-4)
+    assert other.squares == pytest.approx(one.squares, rel=1e-3)
+
+
+def test_a_tile_s_gain_changes_only_its_weight() -> None:
+    """A tile k times as bright, with noise to match, moves the parameters as before."""
+    weight, templates, columns = _problem(4)
+    noise = 0.01 * np.random.default_rng(4).standard_normal(SHAPE)
+    image = _reading(templates)[0] + noise
+    gain = np.kron(np.array([[1, 2, 3], [0.5, 4, 1]]), np.ones((TILE, TILE)))
+    one = _eliminated(image.astype(np.float32), weight, templates, columns)
+    brighter = (gain * image).astype(np.float32), (weight / gain**2).astype(np.float32)
+    other = _eliminated(*brighter, templates, columns)
+    np.testing.assert_allclose(_step(other), _step(one), rtol=1e-3, atol=1e-7)
+
+
+def test_a_bad_pixel_counts_little() -> None:
+    """A hundred deviations off in one pixel move the step less than a tenth of what squares do."""
+    weight, templates, columns = _problem(5)
+    image, _ = _reading(templates)
+    place = tuple(np.argwhere(weight > 0)[40])
+    image[place] += 100
+    normal = _eliminated(image, weight, templates, columns)
+    dense = _dense(image, weight, templates, columns, normal.strengths)
+    assert np.abs(_step(normal)).max() < 0.1 * np.abs(dense).max()
+
+
+def test_a_tile_with_too_few_pixels_does_not_count() -> None:
+    weight, templates, columns = _problem(6)
+    image, _ = _reading(templates)
+    weight[_tiles()[1]] = 0
+    weight[0, TILE : TILE + 3] = 1
+    normal = _eliminated(image, weight, templates, columns)
+    assert np.isnan(normal.strengths[1]).all()
+    assert not normal.scores[1].any()
+    assert np.isfinite(np.delete(normal.strengths, 1, axis=0)).all()
+
+
+def test_a_template_that_is_nowhere_has_no_strength() -> None:
+    weight, templates, columns = _problem(7)
+    templates[1] = 0
+    image, _ = _reading(templates)
+    normal = _eliminated(image, weight, templates, columns)
+    np.testing.assert_allclose(normal.strengths[:, 1], 0, atol=1e-6)
+    assert np.isfinite(normal.matrix).all()
+
+
+def test_total_and_widened() -> None:
+    """Two images' equations add; places that a part does not know stay empty."""
+    weight, templates, columns = _problem(8)
+    image, _ = _reading(templates)
+    part = _eliminated(image + 1, weight, templates, columns)
+    wide = elimination.widened(part, [4, 0, 2], 5)
+    np.testing.assert_array_equal(wide.matrix[np.ix_([4, 0, 2], [4, 0, 2])], part.matrix)
+    np.testing.assert_allclose(wide.right_side[[4, 0, 2]], part.right_side, rtol=1e-9, atol=1e-9)
+    assert not wide.matrix[[1, 3]].any() and not wide.right_side[[1, 3]].any()
+    both = elimination.total([wide, wide])
+    np.testing.assert_allclose(both.matrix, 2 * wide.matrix)
+    np.testing.assert_allclose(both.right_side, 2 * wide.right_side)
+    assert both.count == 2 * part.count and both.squares == 2 * part.squares
+    assert both.scores.shape == (2 * ROWS * ACROSS, 5)

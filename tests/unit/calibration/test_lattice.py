@@ -1,0 +1,149 @@
+"""Lattices of dots: which dots there are, and finding them in a pattern."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import patterns
+from calibration import lattice
+from calibration.cosine_image import Grid
+from calibration.lattice import Lattice
+from calibration.unprojected import PatternImage
+
+GRID = Grid(half_a=0.6, half_b=0.4, step=1.6e-3)
+SIGMA = 2e-3  # Of a dot, in cosines.
+
+lattices = st.builds(
+    lambda pitch, ratio, angle, phase: _lattice(pitch, ratio, angle, phase),
+    st.floats(0.01, 0.02),
+    st.floats(0.8, 1.25),
+    st.floats(0, 90),
+    st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)),
+)
+
+
+def _lattice(
+    pitch: float, ratio: float, angle_deg: float, phase: tuple[float, float] = (0.1, -0.3)
+) -> Lattice:
+    """Of rectangular cells, `pitch` by `ratio * pitch`."""
+    angle = np.radians(angle_deg)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return Lattice(
+        frequencies=np.diag([1 / pitch, 1 / (ratio * pitch)]) @ turn.T, phase=np.array(phase)
+    )
+
+
+def _pattern(dots: np.ndarray, noise: float = 0.3, missing: bool = True) -> PatternImage:
+    """Gaussian dots (n, 2) about their mean, of unit deviation, with noise and a blind corner."""
+    a, b = GRID.cosines()
+    image = np.zeros(GRID.shape)
+    reach = int(np.ceil(4 * SIGMA / GRID.step))
+    for x, y in dots:
+        i = np.arange(*np.clip(np.searchsorted(a, x) + np.array([-reach, reach]), 0, len(a)))
+        j = np.arange(*np.clip(np.searchsorted(b, y) + np.array([-reach, reach]), 0, len(b)))
+        across = np.exp(-((a[i] - x) ** 2) / (2 * SIGMA**2))
+        down = np.exp(-((b[j] - y) ** 2) / (2 * SIGMA**2))
+        image[np.ix_(j, i)] += down[:, None] * across[None, :]
+    image = (image - image.mean()) / image.std()
+    image += noise * np.random.default_rng(0).standard_normal(image.shape)
+    sd = np.full(image.shape, noise)
+    if missing:
+        sd[: len(b) // 5, : len(a) // 5] = np.inf
+        image[np.isinf(sd)] = 0
+    return PatternImage(
+        grid=GRID, value=image.astype(np.float32), sd=sd, views=np.isfinite(sd).astype(np.float32)
+    )
+
+
+def _same_dots(found: Lattice, truth: Lattice) -> None:
+    """The found lattice's dots are the true one's, and all of them.
+
+    Bases of a lattice differ; what any two share: each is whole in the other, and as fine.
+    """
+    whole = found.frequencies @ truth.pitch
+    np.testing.assert_allclose(whole, np.rint(whole), atol=2e-3)
+    assert abs(np.linalg.det(whole)) == pytest.approx(1, abs=4e-3)
+    basis = np.rint(whole) @ truth.frequencies
+    off = np.linalg.norm(found.frequencies - basis, axis=1) / np.linalg.norm(basis, axis=1)
+    assert off.max() < 1e-3
+    phase = found.phase - np.rint(whole) @ truth.phase
+    assert np.abs(phase - np.rint(phase)).max() < 0.02
+
+
+@given(lattices)
+def test_dots_are_where_the_steps_are_whole(one: Lattice) -> None:
+    dots = one.dots(0.3, 0.2)
+    steps = dots @ one.frequencies.T - one.phase
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
+    assert len(np.unique(np.rint(steps), axis=0)) == len(dots)
+    # As many as the area holds, up to those about its border.
+    area, cell = 0.6 * 0.4, abs(np.linalg.det(one.pitch))
+    border = 2 * (0.6 + 0.4) * np.linalg.norm(one.pitch, axis=0).max()
+    assert abs(len(dots) - area / cell) < border / cell
+
+
+@given(lattices, st.tuples(st.floats(-0.2, 0.2), st.floats(-0.15, 0.15)))
+def test_nearest_tells_the_dot_and_the_way_from_it(
+    one: Lattice, direction: tuple[float, float]
+) -> None:
+    cosines = np.array([direction])
+    number, way = one.nearest(cosines)
+    dot = cosines - way
+    np.testing.assert_allclose(dot @ one.frequencies.T - one.phase, number, atol=1e-9)
+    dots = one.dots(0.3, 0.3)
+    nearest = np.linalg.norm(dots - cosines, axis=1).min()
+    assert np.linalg.norm(way) == pytest.approx(nearest, abs=1e-9)
+
+
+@given(lattices)
+@settings(max_examples=8)
+def test_one_lattice_is_found(one: Lattice) -> None:
+    """Through noise and a corner that nobody saw; 1e-3 of a frequency, 0.02 of a phase."""
+    found = lattice.find(_pattern(one.dots(0.6, 0.4)))
+    assert len(found) == 1
+    _same_dots(found[0], one)
+
+
+@pytest.mark.parametrize("twist_deg", [5.0, 11.0, 30.0])
+def test_two_twisted_lattices_are_found(twist_deg: float) -> None:
+    """Neither what they make together nor a multiple is taken for a third one."""
+    first = _lattice(0.0123, 1.0, 49.0)
+    second = _lattice(0.0123, 1.0, 49.0 + twist_deg, phase=(0.4, 0.2))
+    dots = np.concatenate([first.dots(0.6, 0.4), second.dots(0.6, 0.4)])
+    found = lattice.find(_pattern(dots))
+    assert len(found) == 2
+    for truth in (first, second):
+        angles = [_angle(one, truth) for one in found]
+        _same_dots(found[int(np.argmin(angles))], truth)
+
+
+def _angle(found: Lattice, truth: Lattice) -> float:
+    whole = found.frequencies @ truth.pitch
+    return float(np.abs(whole - np.rint(whole)).max())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_scattered_dots_are_no_lattice(seed: int) -> None:
+    drawn = patterns.quasirandom(fov_x_deg=74.0, fov_y_deg=48.0, seed=seed)
+    assert drawn.dots is not None
+    height, width = drawn.image.shape
+    x, y = drawn.field.tangents(drawn.dots[:, 0], drawn.dots[:, 1], (height, width))
+    far = np.sqrt(1 + x**2 + y**2)
+    assert lattice.find(_pattern(np.stack([x / far, y / far], axis=1))) == ()
+
+
+def test_noise_is_no_lattice() -> None:
+    """White noise of unit deviation, no dot at all."""
+    rng = np.random.default_rng(1)
+    sd = np.ones(GRID.shape)
+    noise = rng.standard_normal(GRID.shape).astype(np.float32)
+    assert lattice.find(PatternImage(grid=GRID, value=noise, sd=sd, views=sd)) == ()
+
+
+def test_a_pattern_that_nobody_saw_is_no_lattice() -> None:
+    nothing = np.zeros(GRID.shape, np.float32)
+    blind = PatternImage(grid=GRID, value=nothing, sd=nothing + np.inf, views=nothing)
+    assert lattice.find(blind) == ()

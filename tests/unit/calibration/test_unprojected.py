@@ -1,0 +1,146 @@
+"""A pattern as an image, by least squares over views that are made of it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration import cosine_image, unprojected
+from calibration.cosine_image import Grid
+from calibration.modulation import Modulation, high_passed
+from calibration.unprojected import PatternImage, Placed
+
+GRID = Grid(half_a=0.32, half_b=0.2, step=2.5e-3)
+SHAPE = (180, 280)
+FOCAL_PX = 420.0
+NOISE = 0.3  # Of a view, beside dots of unit deviation.
+BLUR_PX = 0.6
+BLIND_PX = 60  # Columns at the left of every view that are not usable.
+MARGIN_PX = 26  # Of the other borders: filters that reach over them are not their own transpose.
+
+
+def _truth(seed: int = 0) -> np.ndarray:
+    """Scattered dots two pixels wide, about their mean, of unit deviation."""
+    rng = np.random.default_rng(seed)
+    points = (rng.random(GRID.shape) < 1 / 60).astype(np.float32)
+    image = cv2.GaussianBlur(points, (0, 0), 1.1)
+    return ((image - image.mean()) / image.std()).astype(np.float32)
+
+
+def _cosines(shift: float) -> np.ndarray:
+    """Nominal cosines (h w, 2) of a view's pixels, sheared a little by how the surface lies."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    a = (x - SHAPE[1] / 2) / FOCAL_PX + shift + 0.03 * (y - SHAPE[0] / 2) / FOCAL_PX
+    b = (y - SHAPE[0] / 2) / FOCAL_PX - 0.4 * shift
+    return np.stack([a.ravel(), b.ravel()], axis=1).astype(np.float32)
+
+
+def _view(value: np.ndarray, number: int, gain: float = 0.8) -> Placed:
+    """A view of the pattern; its left part is not usable."""
+    rng = np.random.default_rng([5, number])
+    cosines = _cosines([-0.02, 0.013, 0.021, -0.008][number])
+    image = np.zeros(SHAPE[0] * SHAPE[1], np.float32)
+    cosine_image.read(value, GRID.place(cosines), image)
+    image = cv2.GaussianBlur(image.reshape(SHAPE), (0, 0), BLUR_PX)
+    seen = gain * high_passed(image) + NOISE * rng.standard_normal(SHAPE)
+    weight = np.full(SHAPE, 1 / NOISE**2, np.float32)
+    weight[:, :BLIND_PX] = 0
+    weight[:MARGIN_PX], weight[-MARGIN_PX:], weight[:, -MARGIN_PX:] = 0, 0, 0
+    return Placed(
+        modulation=Modulation(value=seen.astype(np.float32), weight=weight),
+        cosines=cosines,
+        blur_px=BLUR_PX,
+    )
+
+
+@pytest.fixture(scope="module")
+def truth() -> np.ndarray:
+    return _truth()
+
+
+@pytest.fixture(scope="module")
+def found(truth: np.ndarray) -> PatternImage:
+    return unprojected.solve([_view(truth, number) for number in range(4)], GRID)
+
+
+def _inside(found: PatternImage) -> np.ndarray:
+    """Where all views looked, away from the border of any."""
+    seen = (found.views >= found.views.max()).astype(np.uint8)
+    return cv2.erode(seen, np.ones((15, 15), np.uint8)).astype(bool)
+
+
+def _correlation(found: PatternImage, truth: np.ndarray) -> float:
+    inside = _inside(found)
+    return float(np.corrcoef(found.value[inside], truth[inside])[0, 1])
+
+
+def test_the_pattern_is_recovered_where_views_looked(
+    found: PatternImage, truth: np.ndarray
+) -> None:
+    """0.95 with views' noise of 0.3; the mirrored pattern correlates by chance.
+
+    Chance: a standard error of one over the root of the number of dots, here 0.04.
+    """
+    assert _inside(found).mean() > 0.3
+    assert _correlation(found, truth) > 0.95
+    assert abs(_correlation(found, truth[:, ::-1])) < 0.12
+
+
+def test_a_local_gain_is_no_part_of_the_pattern(truth: np.ndarray) -> None:
+    """One view twice as strong as another: the same pattern."""
+    views = [_view(truth, n, gain) for n, gain in enumerate((0.5, 1.0, 0.7, 0.9))]
+    assert _correlation(unprojected.solve(views, GRID), truth) > 0.95
+
+
+def test_coverage_counts_views(found: PatternImage) -> None:
+    assert found.views.max() == 4 and found.views.min() == 0
+    assert (np.rint(found.views) == found.views).all()
+    one = unprojected.solve([_view(_truth(), 0)], GRID)
+    assert set(np.unique(one.views)) == {0, 1}
+    # The pixels that are not usable are 30 of 280 columns; nothing looked where they would.
+    left = GRID.place(np.array([[-30 / FOCAL_PX - 0.3, 0.0]]))[0, 0]
+    middle = GRID.shape[0] // 2
+    assert not one.views[middle, : int(left)].any()
+
+
+def test_where_nothing_looked_nothing_is_known(found: PatternImage) -> None:
+    blind = found.views == 0
+    assert blind.any()
+    assert np.isinf(found.sd[blind]).all()
+    assert np.isfinite(found.sd[~blind]).mean() > 0.99
+
+
+def test_the_deviation_is_that_of_the_errors(found: PatternImage, truth: np.ndarray) -> None:
+    """Errors over their stated deviation have about unit width: within a factor of two.
+
+    The deviation is the diagonal of the information alone: it knows neither what blur takes off
+    nor what neighbours share, and no more is promised.
+    """
+    inside = _inside(found)
+    # What the views' high-pass takes off is of no view's business.
+    off = high_passed(found.value - truth)[inside] / found.sd[inside]
+    assert 0.5 < float(np.sqrt(np.mean(off**2))) < 2
+
+
+def test_more_views_leave_less_uncertainty(found: PatternImage, truth: np.ndarray) -> None:
+    """Four views: half the deviation of one, where all looked."""
+    one = unprojected.solve([_view(truth, 0)], GRID)
+    inside = _inside(found)
+    ratio = np.median(one.sd[inside] / found.sd[inside])
+    assert 1.6 < ratio < 2.4
+
+
+def test_the_transposed_model_is_the_model_s_transpose(truth: np.ndarray) -> None:
+    """<w g A p, r> = <p, A' g w r> for a view's model A; single precision, 1e-4."""
+    rng = np.random.default_rng(8)
+    one = dataclasses.replace(_view(truth, 1), gain=np.full(SHAPE, 0.7, np.float32))
+    one = dataclasses.replace(one, cosines=GRID.place(one.cosines))
+    residual = rng.standard_normal(SHAPE).astype(np.float32)
+    back = np.zeros(GRID.shape, np.float32)
+    unprojected._transposed(one, residual, back)
+    model = 0.7 * unprojected.predicted(one, truth)
+    forth = np.vdot((one.modulation.weight * model).astype(np.float64), residual)
+    assert forth == pytest.approx(float(np.vdot(truth.astype(np.float64), back)), rel=1e-3)
