@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration import cosine_image, emission
+from calibration.absorbed import Absorbed
 from calibration.emission import Alignment, Seen
 from calibration.lattice import Lattice
 from calibration.unprojected import PatternImage
@@ -30,6 +31,7 @@ class Emission:
 
     position_m: NDArray[np.float64]  # (3,) in the left frame.
     source: Lattice | PatternImage
+    absorbed: Absorbed | None = None  # Of an image that follows the emitter; None: it is held.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -103,7 +105,7 @@ def _laid(
         points_m, position_m=emitter.position_m, rotation_deg=rotation_deg, scale=scale
     )
     known = np.isfinite(there.range_m)
-    cosines = np.where(known[:, None], there.cosines, np.float32(9))
+    cosines = _known(there)
     if isinstance(emitter.source, Lattice):
         away = emitter.source.nearest(cosines)[1].astype(np.float32)
         variance = np.float32(emitter.source.sigma**2)
@@ -130,20 +132,34 @@ def derivatives(
     def along(partial: Array) -> Array:
         return laid.slope[:, 0] * partial[:, 0] + laid.slope[:, 1] * partial[:, 1]
 
-    columns = [along(partial) for partial in emission.place_partials(laid.there)]
-    if isinstance(emitter.source, Lattice):
-        columns += _lattice_columns(emitter.source, laid)
-    by_name = dict(zip((of_emitter(number) + n for n in own(emitter)), columns, strict=True))
+    by_name = partials(seen, scene, laid.there, number)
     if turns:
-        partials = emission.turn_partials(laid.there)
-        by_name |= {name: along(p) for name, p in zip(emission.TURN, partials, strict=True)}
-    by_name[of_scene(scene)] = along(emission.scale_partial(laid.there))
+        by_name |= dict(zip(emission.TURN, emission.turn_partials(laid.there), strict=True))
+    columns = {name: along(partial) for name, partial in by_name.items()}
+    if isinstance(emitter.source, Lattice):
+        names = (of_emitter(number) + name for name in _LATTICE)
+        columns |= dict(zip(names, _lattice_columns(emitter.source, laid), strict=True))
+    if emitter.absorbed is not None:
+        for name in emitter.absorbed.partials:
+            followed = along(emitter.absorbed.at(name, _known(laid.there)))
+            columns[name] = columns.get(name, np.float32(0)) - followed
+    return columns
+
+
+def partials(seen: Seen, scene: str, there: emission.Directions, number: int) -> dict[str, Array]:
+    """Derivatives (n, 2) of the cosines of one emitter by all that moves any pattern's dots."""
+    places = (f"{of_emitter(number)}position.{axis}" for axis in emission.PLACE)
+    by_name = dict(zip(places, emission.place_partials(there), strict=True))
+    by_name[of_scene(scene)] = emission.scale_partial(there)
     if seen.side == "right":
-        partials = emission.right_partials(seen, laid.there)
-        by_name |= {
-            f"right.{name}": along(p) for name, p in zip(emission.RIGHT, partials, strict=True)
-        }
+        names = (f"right.{name}" for name in emission.RIGHT)
+        by_name |= dict(zip(names, emission.right_partials(seen, there), strict=True))
     return by_name
+
+
+def _known(there: emission.Directions) -> Array:
+    """Cosines (n, 2), out of any field where nothing is known."""
+    return np.where(np.isfinite(there.range_m)[:, None], there.cosines, np.float32(9))
 
 
 def _lattice_columns(lattice: Lattice, laid: Laid) -> list[Array]:
@@ -194,4 +210,4 @@ def _moved(emitter: Emission, step: NDArray[np.float64]) -> Emission:
             keystone=source.keystone + step[9:11],
             sigma=float(wider),
         )
-    return Emission(position_m=position, source=source)
+    return replace(emitter, position_m=position, source=source)

@@ -177,7 +177,8 @@ def _levels(
 
     asked = PARAMETERS if PHOTOMETRY in free else ()
     layers = _layers(observations, sensor, recovered)
-    levels = fit_photometry(observations, sensor, layers=layers, free=asked)
+    exposures = {one.name: one.exposure for one in observations if one.exposure is not None}
+    levels = fit_photometry(observations, sensor, layers=layers, exposures=exposures, free=asked)
     out = {PHOTOMETRY: levels.solution} if asked else {}
     if NOISE in free:
         out[NOISE] = fit_noise(observations, levels.predictions, levels.solution.sensor)

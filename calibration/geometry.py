@@ -114,7 +114,12 @@ class _Fit:
         return self._last[1]
 
 
-def solution(solved: solve.Solved[Normal], sensor: Sensor, free: Sequence[Parameter]) -> Solution:
+def solution(
+    solved: solve.Solved[Normal],
+    found: Uncertainty,
+    sensor: Sensor,
+    free: Sequence[Parameter],
+) -> Solution:
     """Put where a fit ended into the parameters' own units.
 
     Args:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from patterns import errors
 from sim.capture import CapturedScene
 from sim.capture_info import CaptureInfo
 from sim.depth import disparity_from_depth
+from sim.imager.exposure import Exposure
 from sim.scene import Scene
 from sim.sensor import Sensor
 
@@ -34,7 +35,10 @@ class Observation:
     truth_m: Array | None  # Reference depth in the left view, NaN = unknown.
     scene: Scene | None  # Surface, None where neither mesh nor reference depth is known.
     metric: bool  # Whether the surface is known without the imager's intrinsics (a posed mesh).
-    repeats: NDArray[np.uint8] | NDArray[np.uint16] | None  # (n, h, w) left frames at rest, n >= 2.
+    exposure: Exposure | None = None  # That the camera recorded for the first frame.
+    repeats: NDArray[np.uint8] | NDArray[np.uint16] | None = (
+        None  # (n, h, w) left, at rest, n >= 2.
+    )
 
 
 def load(scene: CapturedScene, sensor: Sensor, *, smoothing_px: float = 0.0) -> Observation:
@@ -75,6 +79,7 @@ def load(scene: CapturedScene, sensor: Sensor, *, smoothing_px: float = 0.0) -> 
         truth_m=truth,
         scene=surface,
         metric=metric,
+        exposure=_exposure(first.record),
         repeats=np.stack(rows) if len(rows) > 1 else None,
     )
 
@@ -99,6 +104,13 @@ def truth_px(observation: Observation) -> Array | None:
     return disparity_from_depth(
         observation.truth_m, focal_px=info.fx_px, baseline_m=info.baseline_m
     )
+
+
+def _exposure(record: Mapping[str, Any]) -> Exposure | None:
+    seconds, gain = record.get("exposure_s"), record.get("gain")
+    if not isinstance(seconds, (int, float)) or not isinstance(gain, (int, float)):
+        return None
+    return Exposure(exposure_s=float(seconds), gain=float(gain))
 
 
 def _float(image: NDArray | None) -> Array | None:

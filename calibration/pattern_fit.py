@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import elimination, emitter_model
-from calibration.elimination import Normal
+from calibration import emitter_model, tile_equations
 from calibration.emission import Seen
 from calibration.emitter_model import Model
+from calibration.tile_equations import Normal
 from calibration.views import Array, View
 from sim.sensor import Sensor
 
@@ -94,7 +94,7 @@ def _settled(
     costs: list[float] = []
     while True:
         normals = _normals(sampled, model)
-        normal = elimination.total(list(normals.values()))
+        normal = tile_equations.total(list(normals.values()))
         costs.append(normal.squares / max(normal.count, 1))
         gauge = np.zeros_like(normal.matrix) if held.any() else _gauge(normal, model)
         matrix, right_side = _solvable(normal.matrix + gauge, normal.right_side, held)
@@ -156,7 +156,7 @@ def _normals(sampled: Sequence[_Sampled], model: Model) -> dict[str, Normal]:
     rooms: dict[str, list[Normal]] = {}
     for one, part in zip(sampled, parts, strict=True):
         rooms.setdefault(one.room, []).append(part)
-    return {room: elimination.total(found) for room, found in rooms.items()}
+    return {room: tile_equations.total(found) for room, found in rooms.items()}
 
 
 def _normal_of(one: _Sampled, model: Model) -> Normal:
@@ -173,8 +173,8 @@ def _normal_of(one: _Sampled, model: Model) -> Normal:
         for name, column in found.items():
             columns[number, used.index(name)] = np.nan_to_num(column).reshape(shape)
     lights = np.stack([light.light.reshape(shape) for light in laid])
-    normal = elimination.eliminate(one.level, one.weight, lights, columns, tile_px=one.tile_px)
-    return elimination.widened(normal, [names.index(name) for name in used], len(names))
+    normal = tile_equations.of(one.level, one.weight, lights, columns, tile_px=one.tile_px)
+    return tile_equations.widened(normal, [names.index(name) for name in used], len(names))
 
 
 def _gauge(normal: Normal, model: Model) -> NDArray[np.float64]:
@@ -199,7 +199,7 @@ def _solvable(
 def _covariance(
     normals: dict[str, Normal], gauge: NDArray[np.float64], held: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    normal = elimination.total(list(normals.values()))
+    normal = tile_equations.total(list(normals.values()))
     matrix, _ = _solvable(normal.matrix + gauge, normal.right_side, held)
     inverse = np.linalg.inv(matrix)
     scores = np.where(held, 0.0, normal.scores)

@@ -42,6 +42,12 @@ class Eliminated:
     _basis: Array  # (n, m, k + 3) orthonormal, weighted.
     _size: int
 
+    def unweighed(self, weight: Array) -> Array:
+        """Residuals (n, m) as other weights (h, w) have them; 0 where a pixel does not count."""
+        root = np.sqrt(cut(np.asarray(weight, np.float32), self._size))
+        back = root / np.where(self._root > 0, self._root, np.float32(np.inf))
+        return np.asarray(self.residual * back, np.float32)
+
     def projected(self, columns: Sequence[Sequence[Array]]) -> Array:
         """Derivative of the residual by each parameter.
 

@@ -55,9 +55,7 @@ def _check(partial: np.ndarray, difference: np.ndarray) -> None:
 
 
 @given(positions, rotations, scales)
-def test_place(
-    position: np.ndarray, rotation: tuple[float, float, float], scale: float
-) -> None:
+def test_place(position: np.ndarray, rotation: tuple[float, float, float], scale: float) -> None:
     """Against central differences; the cosines themselves are held by the test of a known dot."""
     points = _seen().points_m
 
@@ -78,9 +76,7 @@ def test_turn(position: np.ndarray, rotation: tuple[float, float, float], scale:
 
     def at(turn: np.ndarray) -> Directions:
         x, y, z = (axes * Rotation.from_rotvec(turn)).as_rotvec(degrees=True)
-        return emission.directions(
-            points, position_m=position, rotation_deg=(x, y, z), scale=scale
-        )
+        return emission.directions(points, position_m=position, rotation_deg=(x, y, z), scale=scale)
 
     partials = emission.turn_partials(at(np.zeros(3)))
     for axis in range(2):

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration import elimination
-from calibration.elimination import Normal
+from calibration import tile_equations
+from calibration.tile_equations import Normal
 
 TILE, ROWS, ACROSS = 8, 2, 3
 SHAPE = (ROWS * TILE, ACROSS * TILE)
@@ -50,7 +50,7 @@ def _reading(
 def _eliminated(
     image: np.ndarray, weight: np.ndarray, templates: np.ndarray, columns: np.ndarray
 ) -> Normal:
-    return elimination.eliminate(image, weight, templates, columns, tile_px=TILE)
+    return tile_equations.of(image, weight, templates, columns, tile_px=TILE)
 
 
 def _dense(
@@ -174,11 +174,11 @@ def test_total_and_widened() -> None:
     weight, templates, columns = _problem(8)
     image, _ = _reading(templates)
     part = _eliminated(image + 1, weight, templates, columns)
-    wide = elimination.widened(part, [4, 0, 2], 5)
+    wide = tile_equations.widened(part, [4, 0, 2], 5)
     np.testing.assert_array_equal(wide.matrix[np.ix_([4, 0, 2], [4, 0, 2])], part.matrix)
     np.testing.assert_allclose(wide.right_side[[4, 0, 2]], part.right_side, rtol=1e-9, atol=1e-9)
     assert not wide.matrix[[1, 3]].any() and not wide.right_side[[1, 3]].any()
-    both = elimination.total([wide, wide])
+    both = tile_equations.total([wide, wide])
     np.testing.assert_allclose(both.matrix, 2 * wide.matrix)
     np.testing.assert_allclose(both.right_side, 2 * wide.right_side)
     assert both.count == 2 * part.count and both.squares == 2 * part.squares

@@ -1,0 +1,241 @@
+"""Fitting as a whole, and `starling calibrate`: what is refused, and what is written."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import starling
+from calibration import fitting
+from calibration.calibrate_captures import calibrate_captures
+from patterns.errors import InputError
+from sim import asked_sensor, capture, capture_info, capture_writer, png, projector, render, sensors
+from sim.depth import to_code
+from sim.scenes import builtin
+from sim.sensor import Sensor
+from sim.sensor_edits import with_values
+from sim.simulate import infrared
+from sim.stage import Stage
+
+WIDTH, HEIGHT = 424, 240
+ROOMS = ("attic", "bath", "cellar", "den")
+
+
+def _small(name: str) -> Sensor:
+    preset = sensors.load(name)
+    scale = WIDTH / preset.width
+    return with_values(
+        preset,
+        {
+            "width": WIDTH,
+            "height": HEIGHT,
+            "fx_px": preset.fx_px * scale,
+            "fy_px": preset.fy_px * scale,
+            "cx_px": (WIDTH - 1) / 2,
+            "cy_px": (HEIGHT - 1) / 2,
+            "projector.power_w": 1.0,
+        }.items(),
+    )
+
+
+def _write_scene(folder: Path, room: str, number: int, truth: Sensor) -> None:
+    """One simulated scene with reference depth, in a room of its own."""
+    scene = (builtin.tabletop(1), builtin.clutter(2), builtin.staircase(0.6), builtin.tabletop(7))
+    body = dataclasses.replace(scene[number], interreflection=0.0)
+    layers = render.layers(Stage(body), truth)
+    pair = infrared(layers, body, truth, seed=number)
+    assert pair.right is not None
+    frame = folder / f"scene-{room}" / "0"
+    frame.mkdir(parents=True)
+    (frame.parent / "room").write_text(room + "\n")
+    depth = to_code(layers.truth.depth_m, truth.post.depth_unit_m)
+    (frame.parent / "truth.png").write_bytes(png.encode(depth))
+    (frame / "ir_left.png").write_bytes(png.encode(pair.left))
+    (frame / "ir_right.png").write_bytes(png.encode(pair.right))
+
+
+@pytest.fixture(scope="module")
+def small() -> Sensor:
+    return _small("d435")
+
+
+@pytest.fixture(scope="module")
+def captures(small: Sensor, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A set of four rooms by a D435 whose projector stands 1 mm beside its preset's place."""
+    folder = tmp_path_factory.mktemp("captures") / "set"
+    folder.mkdir()
+    info = capture_writer.info_of(small, source="simulated", licence="Apache-2.0", notes="")
+    (folder / capture_info.FILE).write_text(capture_info.dumps(info))
+    x = small.projector.position_m[0] + 1e-3
+    truth = with_values(small, [("projector.position_m.x", x)])
+    for number, room in enumerate(ROOMS):
+        _write_scene(folder, room, number, truth)
+    return folder
+
+
+def _refused(captures: Path, sensor: Sensor, folder: Path, **asked: object) -> str:
+    arguments = {"free": ["pattern"], "heldout": None} | asked
+    with pytest.raises(InputError) as caught:
+        fitting.fit(capture.open_set(captures).scenes, sensor, folder=folder, **arguments)
+    return str(caught.value)
+
+
+def test_an_unknown_room_is_refused(captures: Path, small: Sensor, tmp_path: Path) -> None:
+    message = _refused(captures, small, tmp_path, heldout=["garage"])
+    assert message.startswith("heldout must be one of") and "attic" in message
+
+
+def test_a_room_must_be_left(captures: Path, small: Sensor, tmp_path: Path) -> None:
+    message = _refused(captures, small, tmp_path, heldout=list(ROOMS))
+    assert message.startswith("heldout must leave a room to fit; got attic, bath, cellar, den.")
+
+
+@pytest.mark.slow
+def test_unknown_groups_and_none_are_refused(captures: Path, small: Sensor, tmp_path: Path) -> None:
+    message = _refused(captures, small, tmp_path, free=["lens"])
+    assert message.startswith("free must be one of") and "pattern" in message
+    message = _refused(captures, small, tmp_path, free=[])
+    assert message.startswith("free must name a group; got none.")
+
+
+@pytest.mark.parametrize(
+    ("rooms", "asked", "expected"),
+    [
+        (ROOMS, None, ("den",)),
+        (ROOMS[:3], None, ("cellar",)),
+        (ROOMS[:2], None, ()),
+        (ROOMS * 2, None, ("den",)),
+        (ROOMS, ["bath", "attic"], ("bath", "attic")),
+        (ROOMS, [], ()),
+    ],
+)
+def test_rooms_held_out(
+    rooms: tuple[str, ...],
+    asked: list[str] | None,
+    expected: tuple[str, ...],
+    captures: Path,
+) -> None:
+    """Every fourth, the last of three, none of fewer; or those that are asked for."""
+    by_room = {scene.room: scene for scene in capture.open_set(captures).scenes}
+    scenes = [by_room[room] for room in rooms]
+    assert fitting._held_out(scenes, asked) == expected
+
+
+def _calibrate(captures: Path, sensor: Sensor, out: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        calibrate_captures(str(captures), sensor, out, free=["pattern"])
+    return str(caught.value)
+
+
+def test_what_cannot_be_written_is_refused_before_any_work(
+    captures: Path, small: Sensor, tmp_path: Path
+) -> None:
+    message = _calibrate(captures, small, tmp_path / "mine.json")
+    assert message.startswith("out must be a sensor file, NAME.toml")
+    taken = tmp_path / "taken.toml"
+    taken.write_text("mine")
+    assert "taken.toml" in _calibrate(captures, small, taken)
+    assert taken.read_text() == "mine"
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "mine.txt").write_text("mine")
+    _calibrate(captures, small, tmp_path / "folder.toml")
+    assert (tmp_path / "folder" / "mine.txt").read_text() == "mine"
+    assert not (tmp_path / "folder.toml").exists()
+
+
+def test_nothing_is_left_of_a_refused_fit(captures: Path, small: Sensor, tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        calibrate_captures(
+            str(captures), small, tmp_path / "x.toml", free=["pattern"], heldout=["garage"]
+        )
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def written(
+    captures: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, dict[str, object]]:
+    """What `starling calibrate` writes, moved to another folder, and what it prints."""
+    folder = tmp_path_factory.mktemp("calibrated")
+    out = folder / "x.toml"
+    with pytest.MonkeyPatch.context() as patch:
+        lines: list[str] = []
+        patch.setattr("builtins.print", lambda *words, **_: lines.append(" ".join(map(str, words))))
+        status = starling.main(
+            [
+                "calibrate",
+                str(captures),
+                "--sensor",
+                "d435",
+                "--set",
+                "projector.power_w=1.0",
+                "--free",
+                "pattern",
+                "--out",
+                str(out),
+                "--json",
+            ]
+        )
+    assert not status
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    shutil.move(out, elsewhere / "x.toml")
+    shutil.move(folder / "x", elsewhere / "x")
+    return elsewhere, json.loads("\n".join(lines))
+
+
+@pytest.mark.slow
+def test_the_sensor_file_and_its_folder_move_together(
+    written: tuple[Path, dict[str, object]],
+) -> None:
+    """Loaded from where they lie now, both sensor files throw the same light."""
+    folder, _ = written
+    outer, inner = (
+        asked_sensor.load(str(path)) for path in (folder / "x.toml", folder / "x" / "sensor.toml")
+    )
+    light = [projector.irradiance_at_unit_distance(one.projector) for one in (outer, inner)]
+    np.testing.assert_array_equal(*light)
+    for emitter in outer.projector.emitters:
+        assert Path(emitter.pattern).parent.name == "x"
+    # The true projector stands 1 mm beside the preset's place.
+    x = outer.projector.position_m[0] - sensors.load("d435").projector.position_m[0]
+    assert x == pytest.approx(1e-3, abs=2e-4)
+
+
+@pytest.mark.slow
+def test_the_folder_holds_the_report(written: tuple[Path, dict[str, object]]) -> None:
+    folder, _ = written
+    names = {path.name for path in (folder / "x").iterdir()}
+    assert {
+        "dots.csv",
+        "report.json",
+        "report.html",
+        "sensor.toml",
+        "emitter-0.png",
+        "starling.json",
+    } <= names
+    assert not [name for name in names if name.startswith("mirrored")]
+    assert len((folder / "x" / "dots.csv").read_text().splitlines()) > 100
+
+
+@pytest.mark.slow
+def test_what_is_printed_keeps_the_contract(written: tuple[Path, dict[str, object]]) -> None:
+    """The keys that the design fixes; a held-out room whose dots are found again."""
+    folder, printed = written
+    parameters, heldout = printed["parameters"], printed["heldout"]
+    assert isinstance(parameters, dict) and isinstance(heldout, dict)
+    for one in parameters.values():
+        assert {"value", "sd", "unit"} <= set(one)
+    assert "projector.position_m.x" in parameters
+    assert isinstance(printed["undetermined"], list) and printed["undetermined"]
+    assert isinstance(printed["seconds"], float)
+    assert heldout["ncc"] > 0.85
+    assert abs(heldout["mirrored"]) < 0.05
+    assert heldout["ncc"] > heldout["ncc_p25"]
+    assert 0 < heldout["ceiling_p25"] < heldout["ceiling"] <= 1
+    reported = json.loads((folder / "x" / "report.json").read_text())
+    assert reported["parameters"] == parameters
