@@ -67,6 +67,7 @@ def fit(
             to fit.
     """
     clock = _Clock()
+    _check_groups(free)
     outside = _held_out(scenes, heldout)
     inside = [scene for scene in scenes if scene.room not in outside]
     rooms = tuple(dict.fromkeys(scene.room for scene in inside))
@@ -78,8 +79,6 @@ def fit(
         return _from_depth(observations, sensor, free, warnings, rooms, clock, tell)
     for group in free:
         errors.one_of("free", group, GROUPS)
-    if not free:
-        raise errors.refuse("free", "must name a group", "none", f"There are: {', '.join(GROUPS)}.")
     fitted, recovered, solutions = sensor, None, {}
     if PATTERN in free:
         with clock.stage(PATTERN):
@@ -114,6 +113,17 @@ def fit(
         recovered=recovered,
         seconds=clock.seconds,
     )
+
+
+def _check_groups(free: Sequence[str]) -> None:
+    """Refuse what no captures have, before they are loaded."""
+    from calibration.depth_only import GROUPS as OF_DEPTH
+
+    if not free:
+        raise errors.refuse("free", "must name a group", "none", f"There are: {', '.join(GROUPS)}.")
+    for group in free:
+        if group not in OF_DEPTH:
+            errors.one_of("free", group, GROUPS)
 
 
 def _recovered(

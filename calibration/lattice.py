@@ -167,15 +167,19 @@ def _refined(
     step = 1 / (_SIZE * (a[1] - a[0]))
     for row in range(2):
         for width in (0.5 * step, 0.2 * step, 0.1 * step):
-            offsets = [np.array([i, j]) * width for i in range(-2, 3) for j in range(-2, 3)]
-            tries = [frequencies[row] + offset for offset in offsets]
-            heights = [abs(_amplitude(windowed, a, b, one)) for one in tries]
-            frequencies[row] = tries[int(np.argmax(heights))]
-        phase[row] = -np.angle(_amplitude(windowed, a, b, frequencies[row])) / (2 * np.pi)
+            across, down = frequencies[row, :, None] + width * np.arange(-2, 3)
+            heights = np.abs(_amplitudes(windowed, a, b, across, down))
+            j, i = np.unravel_index(np.argmax(heights), heights.shape)
+            frequencies[row] = across[i], down[j]
+        ((top,),) = _amplitudes(windowed, a, b, frequencies[row, :1], frequencies[row, 1:])
+        phase[row] = -np.angle(top) / (2 * np.pi)
     return Lattice(frequencies=frequencies, phase=phase)
 
 
-def _amplitude(windowed: NDArray, a: NDArray, b: NDArray, frequency: NDArray) -> complex:
-    across = np.exp(-2j * np.pi * frequency[0] * a)
-    down = np.exp(-2j * np.pi * frequency[1] * b)
-    return complex(down @ windowed @ across)
+def _amplitudes(
+    windowed: NDArray, a: NDArray, b: NDArray, across: NDArray, down: NDArray
+) -> NDArray[np.complex128]:
+    """Fourier sums (n, m) at frequencies `across` (m,) by `down` (n,)."""
+    wave = 2 * np.pi * np.outer(a, across)
+    rows = windowed @ np.cos(wave) - 1j * (windowed @ np.sin(wave))
+    return np.exp(-2j * np.pi * np.outer(down, b)) @ rows

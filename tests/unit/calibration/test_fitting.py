@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import shutil
+from collections.abc import Sequence
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -78,16 +81,23 @@ def captures(small: Sensor, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def _refused(captures: Path, sensor: Sensor, folder: Path, **asked: object) -> str:
-    arguments = {"free": ["pattern"], "heldout": None} | asked
+def _refused(
+    captures: Path,
+    sensor: Sensor,
+    folder: Path,
+    *,
+    free: Sequence[str] = ("pattern",),
+    heldout: Sequence[str] | None = None,
+) -> str:
+    scenes = capture.open_set(captures).scenes
     with pytest.raises(InputError) as caught:
-        fitting.fit(capture.open_set(captures).scenes, sensor, folder=folder, **arguments)
+        fitting.fit(scenes, sensor, folder=folder, free=free, heldout=heldout)
     return str(caught.value)
 
 
 def test_an_unknown_room_is_refused(captures: Path, small: Sensor, tmp_path: Path) -> None:
     message = _refused(captures, small, tmp_path, heldout=["garage"])
-    assert message.startswith("heldout must be one of") and "attic" in message
+    assert message.startswith("heldout must be a known name; got 'garage'.") and "attic" in message
 
 
 def test_a_room_must_be_left(captures: Path, small: Sensor, tmp_path: Path) -> None:
@@ -95,12 +105,19 @@ def test_a_room_must_be_left(captures: Path, small: Sensor, tmp_path: Path) -> N
     assert message.startswith("heldout must leave a room to fit; got attic, bath, cellar, den.")
 
 
-@pytest.mark.slow
 def test_unknown_groups_and_none_are_refused(captures: Path, small: Sensor, tmp_path: Path) -> None:
     message = _refused(captures, small, tmp_path, free=["lens"])
-    assert message.startswith("free must be one of") and "pattern" in message
+    assert message.startswith("free must be a known name; got 'lens'.") and "pattern" in message
     message = _refused(captures, small, tmp_path, free=[])
     assert message.startswith("free must name a group; got none.")
+
+
+@pytest.mark.slow
+def test_a_group_of_depth_alone_is_refused_with_infrared(
+    captures: Path, small: Sensor, tmp_path: Path
+) -> None:
+    message = _refused(captures, small, tmp_path, free=["thresholds"])
+    assert message.startswith("free must be a known name; got 'thresholds'.")
 
 
 @pytest.mark.parametrize(
@@ -163,29 +180,15 @@ def written(
     """What `starling calibrate` writes, moved to another folder, and what it prints."""
     folder = tmp_path_factory.mktemp("calibrated")
     out = folder / "x.toml"
-    with pytest.MonkeyPatch.context() as patch:
-        lines: list[str] = []
-        patch.setattr("builtins.print", lambda *words, **_: lines.append(" ".join(map(str, words))))
-        status = starling.main(
-            [
-                "calibrate",
-                str(captures),
-                "--sensor",
-                "d435",
-                "--set",
-                "projector.power_w=1.0",
-                "--free",
-                "pattern",
-                "--out",
-                str(out),
-                "--json",
-            ]
-        )
+    words = ["calibrate", str(captures), "--sensor", "d435", "--free", "pattern", "--json"]
+    words += ["--set", "projector.power_w=1.0", "--out", str(out)]
+    with redirect_stdout(io.StringIO()) as said:
+        status = starling.main(words)
     assert not status
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     shutil.move(out, elsewhere / "x.toml")
     shutil.move(folder / "x", elsewhere / "x")
-    return elsewhere, json.loads("\n".join(lines))
+    return elsewhere, json.loads(said.getvalue())
 
 
 @pytest.mark.slow
@@ -197,8 +200,8 @@ def test_the_sensor_file_and_its_folder_move_together(
     outer, inner = (
         asked_sensor.load(str(path)) for path in (folder / "x.toml", folder / "x" / "sensor.toml")
     )
-    light = [projector.irradiance_at_unit_distance(one.projector) for one in (outer, inner)]
-    np.testing.assert_array_equal(*light)
+    one, other = (projector.irradiance_at_unit_distance(each.projector) for each in (outer, inner))
+    np.testing.assert_array_equal(one, other)
     for emitter in outer.projector.emitters:
         assert Path(emitter.pattern).parent.name == "x"
     # The true projector stands 1 mm beside the preset's place.

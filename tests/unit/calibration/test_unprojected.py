@@ -44,8 +44,8 @@ def _view(value: np.ndarray, number: int, gain: float = 0.8) -> Placed:
     cosines = _cosines([-0.02, 0.013, 0.021, -0.008][number])
     image = np.zeros(SHAPE[0] * SHAPE[1], np.float32)
     cosine_image.read(value, GRID.place(cosines), image)
-    image = cv2.GaussianBlur(image.reshape(SHAPE), (0, 0), BLUR_PX)
-    seen = gain * high_passed(image) + NOISE * rng.standard_normal(SHAPE)
+    blurred = np.asarray(cv2.GaussianBlur(image.reshape(SHAPE), (0, 0), BLUR_PX), np.float32)
+    seen = gain * high_passed(blurred) + NOISE * rng.standard_normal(SHAPE)
     weight = np.full(SHAPE, 1 / NOISE**2, np.float32)
     weight[:, :BLIND_PX] = 0
     weight[:MARGIN_PX], weight[-MARGIN_PX:], weight[:, -MARGIN_PX:] = 0, 0, 0
