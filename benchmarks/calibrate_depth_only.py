@@ -19,9 +19,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from calibration.depth_figures import side_by_side
-from calibration.depth_only import GROUPS, fit_depth
-from calibration.depth_twin import twin
+from calibration.depth.depth_figures import side_by_side
+from calibration.depth.depth_only import GROUPS, fit_depth
+from calibration.depth.depth_twin import twin
 from calibration.observation import Observation
 from calibration.result import Solution
 from sim import sensors

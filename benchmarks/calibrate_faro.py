@@ -20,7 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import heldout, observation, pattern, pattern_sensor, pattern_solution, views
+from calibration import heldout, observation
+from calibration.pattern import pattern_sensor, pattern_solution, views
+from calibration.pattern import recovery as pattern
 from sim import asked_sensor, capture, compare, simulate_captures
 
 

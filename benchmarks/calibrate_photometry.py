@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from calibration import levels, observation
-from calibration.noise import fit_noise
-from calibration.photometry import fit_photometry
+from calibration import observation
+from calibration.photometry import levels
+from calibration.photometry.noise import fit_noise
+from calibration.photometry.photometry_fit import fit_photometry
 from sim import sensors
 from sim.capture import open_set
 from sim.imager.exposure import Exposure

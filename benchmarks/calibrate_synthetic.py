@@ -25,7 +25,7 @@ import cv2
 import numpy as np
 
 from calibration import observation, parameters
-from calibration.geometry import fit_geometry
+from calibration.geometry.geometry_fit import fit_geometry
 from calibration.observation import Observation
 from calibration.result import Solution
 from patterns import errors

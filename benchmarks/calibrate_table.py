@@ -17,15 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import (
-    correlation,
-    emitter_model,
-    lattice,
-    observation,
-    pattern,
-    pattern_fit,
-    views,
-)
+from calibration import correlation, observation
+from calibration.pattern import emitter_model, lattice, pattern_fit, views
+from calibration.pattern import recovery as pattern
 from sim import asked_sensor, capture
 
 _ROOMS = ("0060", "1982", "4426")

@@ -8,7 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from calibration import dots, fitting, report, report_page
+from calibration import fitting
+from calibration.pattern import dots
+from calibration.report import figures as report
+from calibration.report import page as report_page
 from patterns import errors
 from sim import capture, progress, record, sensors
 from sim.output import RECORD, OutputFolder, refuse_own_input, refuse_taken, write_file
@@ -41,7 +44,7 @@ def calibrate_captures(
 
     Returns:
         `{"parameters", "undetermined", "heldout", "seconds", "out", ...}` (see
-        `calibration.report.figures`).
+        `calibration.report.figures.figures`).
 
     Raises:
         InputError: whatever is wrong with captures, groups or output; nothing is left.

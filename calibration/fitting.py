@@ -9,12 +9,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from calibration import heldout as held
-from calibration import observation, pattern, pattern_sensor, pattern_solution, plausibility
+from calibration import observation
 from calibration import parameters as table
-from calibration import views as seeing
 from calibration.heldout import Scored
 from calibration.observation import Observation
-from calibration.pattern import Recovered
+from calibration.pattern import pattern_sensor, pattern_solution
+from calibration.pattern import recovery as pattern
+from calibration.pattern import views as seeing
+from calibration.pattern.recovery import Recovered
+from calibration.plausibility import checks as plausibility
 from calibration.result import Calibration, Solution
 from patterns import errors
 from sim import progress
@@ -57,7 +60,7 @@ def fit(
     Args:
         scenes: captured by one camera.
         sensor: to start from, with the captures' intrinsics.
-        free: of `GROUPS`; without infrared, of `calibration.depth_only.GROUPS`.
+        free: of `GROUPS`; without infrared, of `calibration.depth.depth_only.GROUPS`.
         folder: where a recovered pattern's images go.
         heldout: rooms left out of the fit; every fourth where None, none of one or two rooms.
         tell: wraps loops that take long.
@@ -92,7 +95,7 @@ def fit(
         if group in table.GEOMETRY and not (PATTERN in free and group in WITH_PATTERN)
     ]
     if geometry:
-        from calibration.geometry import fit_geometry
+        from calibration.geometry.geometry_fit import fit_geometry
 
         with clock.stage("geometry"):
             solutions["geometry"] = fit_geometry(observations, fitted, free=geometry)
@@ -117,7 +120,7 @@ def fit(
 
 def _check_groups(free: Sequence[str]) -> None:
     """Refuse what no captures have, before they are loaded."""
-    from calibration.depth_only import GROUPS as OF_DEPTH
+    from calibration.depth.depth_only import GROUPS as OF_DEPTH
 
     if not free:
         raise errors.refuse("free", "must name a group", "none", f"There are: {', '.join(GROUPS)}.")
@@ -159,7 +162,7 @@ def _from_depth(
     clock: _Clock,
     tell: progress.Progress,
 ) -> Calibration:
-    from calibration.depth_only import fit_depth
+    from calibration.depth.depth_only import fit_depth
 
     with clock.stage("depth"):
         solution = fit_depth(observations, sensor, free=free, tell=tell)
@@ -182,8 +185,8 @@ def _levels(
     free: Sequence[str],
 ) -> dict[str, Solution]:
     """Fit levels and noise, each scene lit at its own pattern scale."""
-    from calibration.noise import fit_noise
-    from calibration.photometry import PARAMETERS, fit_photometry
+    from calibration.photometry.noise import fit_noise
+    from calibration.photometry.photometry_fit import PARAMETERS, fit_photometry
 
     asked = PARAMETERS if PHOTOMETRY in free else ()
     layers = _layers(observations, sensor, recovered)

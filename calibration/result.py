@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.heldout import Scored
-from calibration.pattern import Recovered
+from calibration.pattern.recovery import Recovered
 from sim.sensor import Sensor
 
 

@@ -84,7 +84,7 @@ def _set(table: dict[str, Any], path: str, value: Any, *, typed: str) -> None:
                 value if axis == last else old for axis, old in zip(_AXES, table, strict=False)
             ]
             return
-        if isinstance(table, list) and table and isinstance(table[0], dict):
+        if isinstance(table, list) and table and all(isinstance(one, dict) for one in table):
             number = folders[depth] if depth < len(folders) else last
             known = [str(i) for i in range(len(table))]
             errors.one_of(f"number in {'.'.join(folders[:depth])}", number, known)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration import plausibility
 from calibration.correlation import high_passed, local_ncc, right_in_left
 from calibration.observation import Observation, truth_px
+from calibration.plausibility import checks as plausibility
 from patterns.errors import InputError
 from sim import asked_sensor, capture, sensors
 from sim.metrics import depth_edges

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration import depth_figures, depth_only
-from calibration.depth_twin import surface, twin
+from calibration.depth import depth_figures, depth_only
+from calibration.depth.depth_twin import surface, twin
 from calibration.observation import Observation
 from patterns import InputError
 from sim import capture_writer, scenes, sensors, simulate

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from calibration import disparity_scale
-from calibration.disparity_scale import DisparityPair
+from calibration.depth import disparity_scale
+from calibration.depth.disparity_scale import DisparityPair
 from patterns import InputError
 
 SHAPE = (240, 320)

@@ -8,13 +8,13 @@ import io
 import numpy as np
 import pytest
 
-from calibration import dots
-from calibration.cosine_image import Grid
-from calibration.emitter_model import Emission, Model
-from calibration.lattice import Lattice
-from calibration.pattern import Recovered, imager_blur_px
-from calibration.pattern_fit import Fitted
-from calibration.unprojected import PatternImage
+from calibration.pattern import dots
+from calibration.pattern.cosine_image import Grid
+from calibration.pattern.emitter_model import Emission, Model
+from calibration.pattern.lattice import Lattice
+from calibration.pattern.pattern_fit import Fitted
+from calibration.pattern.recovery import Recovered, imager_blur_px
+from calibration.pattern.unprojected import PatternImage
 from sim import projector, sensors
 from sim.sensor import Sensor
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration import emission
-from calibration.emission import Alignment, Directions, Seen
+from calibration.pattern import emission
+from calibration.pattern.emission import Alignment, Directions, Seen
 from sim import frames
 
 FOCAL_PX = 450.0

@@ -11,7 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from calibration import geometry, parameters, residuals, start
+from calibration import parameters
+from calibration.geometry import geometry_fit as geometry
+from calibration.geometry import residuals, start
 from calibration.observation import Observation
 from patterns.errors import InputError
 from sim import capture_writer, render, sensors

@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 import patterns
-from calibration import heldout, observation, pattern, pattern_sensor, pattern_solution
-from calibration import views as seeing
+from calibration import heldout, observation
 from calibration.observation import Observation
-from calibration.pattern import Recovered
+from calibration.pattern import pattern_sensor, pattern_solution
+from calibration.pattern import recovery as pattern
+from calibration.pattern import views as seeing
+from calibration.pattern.recovery import Recovered
 from calibration.result import Estimate, Solution
 from patterns.errors import InputError
 from sim import capture, capture_info, capture_writer, png, render, sensors

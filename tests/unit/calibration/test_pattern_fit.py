@@ -7,15 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration import emission, emitter_model, pattern_fit
-from calibration.absorbed import Absorbed
-from calibration.cosine_image import Grid
-from calibration.emission import Alignment
-from calibration.emitter_model import Emission, Model
-from calibration.lattice import Lattice
-from calibration.pattern_fit import Fitted
-from calibration.unprojected import PatternImage
-from calibration.views import View
+from calibration.pattern import emission, emitter_model, pattern_fit
+from calibration.pattern.absorbed import Absorbed
+from calibration.pattern.cosine_image import Grid
+from calibration.pattern.emission import Alignment
+from calibration.pattern.emitter_model import Emission, Model
+from calibration.pattern.lattice import Lattice
+from calibration.pattern.pattern_fit import Fitted
+from calibration.pattern.unprojected import PatternImage
+from calibration.pattern.views import View
 from sim import sensors
 from sim.sensor import Sensor
 from sim.sensor_edits import with_values

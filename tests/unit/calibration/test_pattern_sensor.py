@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from calibration import pattern_sensor
-from calibration.cosine_image import Grid
-from calibration.emission import Alignment
-from calibration.emitter_model import Emission, Model
-from calibration.lattice import Lattice
-from calibration.pattern import Recovered, imager_blur_px
-from calibration.pattern_fit import Fitted
-from calibration.unprojected import PatternImage
+from calibration.pattern import pattern_sensor
+from calibration.pattern.cosine_image import Grid
+from calibration.pattern.emission import Alignment
+from calibration.pattern.emitter_model import Emission, Model
+from calibration.pattern.lattice import Lattice
+from calibration.pattern.pattern_fit import Fitted
+from calibration.pattern.recovery import Recovered, imager_blur_px
+from calibration.pattern.unprojected import PatternImage
 from patterns.field import Field
 from sim import frames, png, projector, sensors
 from sim.sensor import Sensor

@@ -7,15 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration import emitter_model, pattern_sensor, pattern_solution
-from calibration.cosine_image import Grid
-from calibration.emission import Alignment
-from calibration.emitter_model import Emission, Model
-from calibration.lattice import Lattice
-from calibration.pattern import Recovered
-from calibration.pattern_fit import Fitted
+from calibration.pattern import emitter_model, pattern_sensor, pattern_solution
+from calibration.pattern.cosine_image import Grid
+from calibration.pattern.emission import Alignment
+from calibration.pattern.emitter_model import Emission, Model
+from calibration.pattern.lattice import Lattice
+from calibration.pattern.pattern_fit import Fitted
+from calibration.pattern.recovery import Recovered
+from calibration.pattern.unprojected import PatternImage
 from calibration.result import Solution
-from calibration.unprojected import PatternImage
 from sim import sensor_edits, sensors
 from sim.parts.emitter import Emitter
 from sim.sensor import Sensor
@@ -200,5 +200,7 @@ def test_what_is_open_is_said(sensor: Sensor) -> None:
 
 def test_scenes_have_their_scales(sensor: Sensor) -> None:
     found = _solution(MODELS["image"], sensor)
-    assert found.scenes == {name: {"pattern_scale": scale} for name, scale in SCENES.items()}
+    by_name = {one.name: one.value for one in found.estimates}
+    for name, scale in SCENES.items():
+        assert by_name[f"projector.pattern_scale[{name}]"] == scale
     assert found.sensor == pattern_sensor.aligned(sensor, MODELS["image"])

@@ -13,10 +13,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from calibration.noise import fit_noise, noise_bound_dn
 from calibration.observation import Observation
-from calibration.photometry import PARAMETERS, Photometry, fit_photometry
-from calibration.speckle_contrast import fit_speckle
+from calibration.photometry.noise import fit_noise, noise_bound_dn
+from calibration.photometry.photometry_fit import PARAMETERS, Photometry, fit_photometry
+from calibration.photometry.speckle_contrast import fit_speckle
 from patterns.errors import InputError
 from sim import render, sensor_edits, sensors, simulate
 from sim.capture_info import CaptureInfo

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration.photon_transfer import fit_photon_transfer
+from calibration.photometry.photon_transfer import fit_photon_transfer
 from calibration.result import Solution
 from patterns.errors import InputError
 from sim import imager, sensors

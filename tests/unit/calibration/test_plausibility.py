@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration import correspondence, depth_spread, plausibility, preset_fit, reference_scale
-from calibration.dots_seen import covered, see, stated_per_deg2
 from calibration.observation import Observation
+from calibration.plausibility import checks as plausibility
+from calibration.plausibility import correspondence, depth_spread, preset_fit, reference_scale
+from calibration.plausibility.dots_seen import covered, see, stated_per_deg2
 from patterns.errors import InputError
 from sim import projector, sensors
 from sim.capture_writer import info_of

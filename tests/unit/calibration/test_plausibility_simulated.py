@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration import plausibility
-from calibration.correspondence import find
-from calibration.dots_seen import see, stated_per_deg2
 from calibration.observation import Observation
+from calibration.plausibility import checks as plausibility
+from calibration.plausibility.correspondence import find
+from calibration.plausibility.dots_seen import see, stated_per_deg2
 from patterns.errors import InputError
 from sim import scenes, sensors
 from sim.capture_writer import info_of

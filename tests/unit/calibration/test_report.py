@@ -17,16 +17,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration import report, report_page, report_pictures, report_tables
-from calibration.cosine_image import Grid
-from calibration.emitter_model import Emission, Model
 from calibration.heldout import Scored
-from calibration.lattice import Lattice
-from calibration.pattern import Recovered
-from calibration.pattern_fit import Fitted
-from calibration.report_elements import MINUS
+from calibration.pattern.cosine_image import Grid
+from calibration.pattern.emitter_model import Emission, Model
+from calibration.pattern.lattice import Lattice
+from calibration.pattern.pattern_fit import Fitted
+from calibration.pattern.recovery import Recovered
+from calibration.pattern.unprojected import PatternImage
+from calibration.report import figures as report
+from calibration.report import page as report_page
+from calibration.report import pictures as report_pictures
+from calibration.report import tables as report_tables
+from calibration.report.elements import MINUS
 from calibration.result import Calibration, Estimate, Solution
-from calibration.unprojected import PatternImage
 from sim import record, sensors
 
 SHAPE = (108, 192)

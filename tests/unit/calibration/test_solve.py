@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration import parameters, solve, uncertainty
+from calibration import parameters
+from calibration.geometry import solve, uncertainty
+from calibration.geometry.uncertainty import Uncertainty
 from calibration.parameters import Parameter
-from calibration.uncertainty import Uncertainty
 
 
 @dataclass

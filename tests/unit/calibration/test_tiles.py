@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration import tiles
+from calibration.photometry import tiles
 
 SHAPE = (32, 48)  # Six tiles.
 

@@ -220,8 +220,10 @@ def test_emitters_survive_the_round_trip(tmp_path: Path) -> None:
     text = '[{offset_m = [-0.001, 0, 0], power_share = 2}, {pattern = "d415"}]'
     edits = [f"projector.emitters={text}", "projector.pattern_scale=1.002"]
     assert sensor_edits.apply(_sensor(), edits) == sensor
-    with pytest.raises(InputError, match=r"projector\.emitters has no fields; got \.0\.pattern"):
-        sensor_edits.apply(sensor, ["projector.emitters.0.pattern=x.png"])
+    moved = sensor_edits.apply(sensor, ["projector.emitters.0.offset_m.x=0.002"])
+    assert [one.offset_m[0] for one in moved.projector.emitters] == [2e-3, 0.0]
+    with pytest.raises(InputError, match=r"number in projector\.emitters must be one of 0, 1"):
+        sensor_edits.apply(sensor, ["projector.emitters.2.pattern=x.png"])
 
 
 def test_a_sensor_files_patterns_lie_beside_it(

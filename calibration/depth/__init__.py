@@ -1,0 +1,1 @@
+"""What depth and holes alone tell, where there is no infrared."""

@@ -1,0 +1,1 @@
+"""Geometry of imagers and projector, by differentiable rendering."""

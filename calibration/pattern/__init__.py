@@ -1,0 +1,1 @@
+"""The projector's pattern and emitters, recovered from captures."""

@@ -1,0 +1,356 @@
+"""The light model of captured images: predicted level, its derivatives, and how sure each is."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.observation import Observation
+from calibration.photometry import levels, tiles
+from calibration.photometry.levels import Levels, Side, part
+from sim import imager, render
+from sim.imager.exposure import Exposure
+from sim.layers import Layers, Mask, View
+from sim.scene import Scene
+from sim.sensor import Sensor
+from sim.stage import Stage
+
+POWER = "projector.power_w"
+FALLOFF = "projector.falloff"
+VIGNETTING = "left.lens.vignetting"
+BLUR = "left.lens.blur_px"
+LEFT_BLACK = "left.black_level_dn"
+RIGHT_BLACK = "right.black_level_dn"
+RIGHT_GAIN = "right.gain"
+
+Array = NDArray[np.float32]
+
+_MATCHING = 0.3  # Least correlation of the image's dots with the model's.
+_MODEL_ERROR = 0.01  # Relative error of the model that no noise accounts for.
+_BLUR_STEP_PX = 0.05
+_SPOT_PX = 6.0  # Sigma of what is taken out before dots are compared.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Image:
+    """One captured image, and what is needed to predict it."""
+
+    scene: str
+    side: Side
+    on: bool  # Projector.
+    level: Array  # (h, w) [DN]
+    used: Mask
+    view: View
+    model: Scene
+    exposure: Exposure
+    exposure_known: bool
+    ambient_w_m2: float  # Where the fit begins.
+
+    @property
+    def lowest_dn(self) -> float:
+        """Level of the darkest pixels [DN]."""
+        return levels.lower_envelope_dn(self.level)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Columns:
+    """Signal that the model predicts for reflectances as given [DN], (h, w) each."""
+
+    model: Array
+    laser: Array  # The laser's part of it.
+    derivatives: tuple[Array, ...]
+    variance: tuple[float, float, float]  # Of noise [DN^2]: constant, per signal, per laser^2.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Prediction:
+    """What a fit says one image should be (h, w)."""
+
+    scene: str
+    side: Side
+    on: bool
+    level_dn: Array  # Captured, black level included.
+    signal_dn: Array  # Predicted, above black.
+    laser_dn: Array  # The laser's part of it.
+    residual_dn: Array
+    used: Mask
+    dots: bool  # Whether dots are where they were predicted, so that residuals mean something.
+
+
+Formed = dict[tuple[str, Side, Exposure, float], Levels]
+"""Levels through the optics, by view and blur: what does not change is not formed again."""
+
+
+def ambient(scene: str) -> str:
+    """Name of a scene's ambient irradiance."""
+    return f"scene.ambient.irradiance_w_m2[{scene}]"
+
+
+def exposure_ratio(scene: str, *, on: bool) -> str:
+    """Name of the factor by which an image's unknown exposure differs from the sensor's."""
+    return f"exposure_ratio[{scene}, projector {'on' if on else 'off'}]"
+
+
+def black_name(side: Side) -> str:
+    """Name of an imager's black level."""
+    return LEFT_BLACK if side == "left" else RIGHT_BLACK
+
+
+def start(sensor: Sensor, strengths: Mapping[str, float]) -> dict[str, float]:
+    """Where every parameter starts: the sensor's own values, and each scene's ambient light."""
+    values = {
+        POWER: sensor.projector.power_w,
+        FALLOFF: sensor.projector.falloff,
+        VIGNETTING: sensor.left.lens.vignetting,
+        BLUR: sensor.left.lens.blur_px,
+        LEFT_BLACK: sensor.left.black_level_dn,
+        RIGHT_BLACK: sensor.right.black_level_dn,
+        RIGHT_GAIN: sensor.right.gain,
+    }
+    for scene, strength in strengths.items():
+        values[ambient(scene)] = strength
+        for on in (True, False):
+            values[exposure_ratio(scene, on=on)] = 1.0
+    return values
+
+
+def images(
+    observations: Sequence[Observation],
+    sensor: Sensor,
+    layers: Mapping[str, Layers],
+    exposures: Mapping[str, Exposure],
+) -> tuple[Image, ...]:
+    """Every image of the observations that have a surface, with its layers."""
+    found = []
+    for observation in observations:
+        if observation.scene is None:
+            continue
+        rendered = layers.get(observation.name)
+        if rendered is None:
+            rendered = render.layers(Stage(observation.scene), sensor)
+        recorded = exposures.get(observation.name)
+        fixed = Exposure(exposure_s=sensor.left.exposure_s, gain=sensor.left.gain)
+        known = recorded is not None or sensor.left.auto_exposure_level == 0
+        taken: tuple[tuple[Side, bool, Array | None, View | None], ...] = (
+            ("left", True, observation.left, rendered.left),
+            ("right", True, observation.right, rendered.right),
+            ("left", False, observation.left_off, rendered.left),
+            ("right", False, observation.right_off, rendered.right),
+        )
+        for side, on, level, view in taken:
+            if level is None or view is None:
+                continue
+            exposure = recorded or fixed
+            if side == "right":
+                gain = exposure.gain * sensor.right.gain / sensor.left.gain
+                exposure = dataclasses.replace(exposure, gain=gain)
+            found.append(
+                Image(
+                    scene=observation.name,
+                    side=side,
+                    on=on,
+                    level=level,
+                    used=_used(level, view, sensor, side),
+                    view=view,
+                    model=observation.scene,
+                    exposure=exposure,
+                    exposure_known=known,
+                    ambient_w_m2=observation.scene.ambient.irradiance_w_m2,
+                )
+            )
+    return tuple(found)
+
+
+def _used(level: Array, view: View, sensor: Sensor, side: Side) -> Mask:
+    """Pixels off depth edges, in tiles of which half count and none is saturated.
+
+    Leaving out saturated pixels alone would cut noise on one side.
+    """
+    shape = (level.shape[0], level.shape[1])
+    full = tiles.tiled(level >= part(sensor, side).saturation_dn).any(axis=1)
+    whole = levels.away_from_edges(view.depth_m)
+    enough = tiles.tiled(whole).mean(axis=1) >= tiles.FEWEST
+    return whole & (tiles.spread(enough & ~full, shape) > 0)
+
+
+def dots_match(images: Sequence[Image]) -> bool:
+    """Whether the dots' places in the model are those in the images, by correlation."""
+    found = []
+    for image in images:
+        expected = image.view.projector_direct
+        if image.on and expected.any():
+            seen, model = (_high_passed(picture)[image.used] for picture in (image.level, expected))
+            scale = float(np.sqrt((seen**2).mean() * (model**2).mean()))
+            found.append(float((seen * model).mean()) / max(scale, 1e-30))
+    return bool(found) and float(np.median(found)) > _MATCHING
+
+
+def _high_passed(picture: Array) -> Array:
+    """Picture over its local mean, less 1; so brightness does not count."""
+    mean = cv2.GaussianBlur(picture, (0, 0), _SPOT_PX)
+    sharp = cv2.GaussianBlur(picture, (0, 0), 1.0)
+    return np.asarray(sharp / np.maximum(mean, 1e-12) - 1, np.float32)
+
+
+def columns(
+    image: Image,
+    values: Mapping[str, float],
+    sensor: Sensor,
+    names: Sequence[str],
+    formed: Formed,
+) -> Columns:
+    """Predict an image's signal, and its derivative by each of the parameters named.
+
+    The black level's column is 1: it is added to the signal. `formed` keeps what was formed, for
+    other images of the view and for the next round.
+    """
+    at = _levels(image, values[BLUR], sensor, formed)
+    ratio = values[exposure_ratio(image.scene, on=image.on)]
+    gain = values[RIGHT_GAIN] / sensor.right.gain if image.side == "right" else 1.0
+    lens = _dimmed(at.lens_log_cos, values[VIGNETTING] - sensor.left.lens.vignetting)
+    lens *= np.float32(ratio * gain)
+    shape = _dimmed(at.projector_log_cos, values[FALLOFF] - sensor.projector.falloff)
+    power = np.float32(values[POWER] if image.on else 0.0)
+    strength = np.float32(values[ambient(image.scene)])
+    unit = np.asarray(lens * shape * at.laser * np.float32(image.on), np.float32)
+    laser = np.asarray(power * unit, np.float32)
+    model = np.asarray(laser + lens * (strength * at.ambient + at.other), np.float32)
+    none = np.zeros_like(model)
+
+    def derivative(name: str) -> NDArray:
+        if name == POWER:
+            return unit
+        if name == FALLOFF:
+            return laser * at.projector_log_cos
+        if name == VIGNETTING:
+            return model * at.lens_log_cos
+        if name == black_name(image.side):
+            return np.ones_like(model)
+        if name == RIGHT_GAIN and image.side == "right":
+            return model / np.float32(values[RIGHT_GAIN])
+        if name == ambient(image.scene):
+            return lens * at.ambient
+        if name == exposure_ratio(image.scene, on=image.on):
+            return model / np.float32(ratio)
+        if name == BLUR:
+            wider = _levels(image, values[BLUR] + _BLUR_STEP_PX, sensor, formed)
+            change = power * shape * (wider.laser - at.laser) + strength * (
+                wider.ambient - at.ambient
+            )
+            return lens * change / np.float32(_BLUR_STEP_PX)
+        return none
+
+    return Columns(
+        model=model,
+        laser=laser,
+        derivatives=tuple(np.asarray(derivative(name), np.float32) for name in names),
+        variance=_variance(image, sensor),
+    )
+
+
+def _dimmed(log_cos: Array, exponent: float) -> Array:
+    return np.asarray(np.exp(log_cos * np.float32(exponent)), np.float32)
+
+
+def _levels(image: Image, blur_px: float, sensor: Sensor, formed: Formed) -> Levels:
+    """Layers through the optics at a blur."""
+    key = (image.scene, image.side, image.exposure, blur_px)
+    if key not in formed:
+        own = part(sensor, image.side)
+        lens = dataclasses.replace(own.lens, blur_px=blur_px)
+        seen = dataclasses.replace(sensor, **{image.side: dataclasses.replace(own, lens=lens)})
+        formed[key] = levels.expected(image.view, image.model, seen, image.side, image.exposure)
+    return formed[key]
+
+
+def forget(formed: Formed, blur_px: float) -> None:
+    """Drop what was formed at another blur."""
+    for key in [key for key in formed if key[3] != blur_px]:
+        del formed[key]
+
+
+def _variance(image: Image, sensor: Sensor) -> tuple[float, float, float]:
+    """Variance of a pixel [DN^2]: constant, per DN of signal, per squared DN of laser light."""
+    own = part(sensor, image.side)
+    step = image.exposure.gain * own.ceiling_dn / own.full_well_e
+    dark = np.zeros((1, 1), np.float32)
+    least_e, one_e = (
+        float(imager.noise_e(own, dark + electrons, image.exposure.exposure_s)[0, 0])
+        for electrons in (0.0, 1.0)
+    )
+    return (
+        least_e**2 * step**2 + 1 / 12,
+        (one_e**2 - least_e**2) * step,
+        sensor.projector.speckle_contrast**2,
+    )
+
+
+def tile_factor(image: Image, signal: Array, model: Array, *, around: int = 0) -> Array:
+    """Ratio of captured to predicted signal, tile by tile (h, w); 1 where nothing counts.
+
+    Args:
+        image: whose pixels count or not.
+        signal: captured, less the black level [DN] (h, w).
+        model: predicted [DN] (h, w).
+        around: tiles on each side that are averaged over too.
+    """
+    shape = (model.shape[0], model.shape[1])
+    grid = (shape[0] // tiles.TILE_PX, shape[1] // tiles.TILE_PX)
+    used = tiles.tiled(image.used)
+    window = (2 * around + 1, 2 * around + 1)
+    seen, expected = (
+        np.asarray(cv2.blur((tiles.tiled(p) * used).sum(axis=1).reshape(grid), window)).ravel()
+        for p in (signal, model)
+    )
+    ratio = np.where(expected > 0, seen / np.maximum(expected, 1e-30), 1.0)
+    return np.nan_to_num(tiles.spread(np.maximum(ratio, 1e-3), shape), nan=1.0)
+
+
+def weight(image: Image, column: Columns, factor: Array | None) -> Array:
+    """One over the variance that noise, speckle and the model's own error have (h, w).
+
+    Args:
+        image: whose pixels count or not.
+        column: its prediction.
+        factor: by which reflectance differs from the given; None is 1.
+    """
+    least, per_signal, per_laser = column.variance
+    signal = column.model if factor is None else column.model * factor
+    laser = column.laser if factor is None else column.laser * factor
+    variance = least + per_signal * np.maximum(signal, 0) + per_laser * laser**2
+    variance += (_MODEL_ERROR * signal) ** 2
+    return np.where(image.used, 1 / variance, 0).astype(np.float32)
+
+
+def predict(
+    image: Image,
+    values: Mapping[str, float],
+    sensor: Sensor,
+    formed: Formed,
+    *,
+    reflectance_free: bool,
+    dots: bool,
+) -> Prediction:
+    """Predict an image; with `reflectance_free`, each tile's factor and gradient are fitted."""
+    column = columns(image, values, sensor, (), formed)
+    signal = image.level - np.float32(values[black_name(image.side)])
+    factor: Array | np.float32 = np.float32(1)
+    if reflectance_free:
+        rough = tile_factor(image, signal, column.model)
+        factor = tiles.fitted_factor(signal, column.model, weight(image, column, rough))
+    return Prediction(
+        scene=image.scene,
+        side=image.side,
+        on=image.on,
+        level_dn=image.level,
+        signal_dn=column.model * factor,
+        laser_dn=column.laser * factor,
+        residual_dn=np.asarray(signal - column.model * factor, np.float32),
+        used=image.used,
+        dots=dots,
+    )

@@ -1,0 +1,116 @@
+"""Fit what makes noise: photon transfer of both imagers' repeats, and speckle's contrast."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from calibration.observation import Observation
+from calibration.photometry.light_model import Prediction
+from calibration.photometry.photon_transfer import fit_photon_transfer
+from calibration.photometry.speckle_contrast import SPECKLE, fit_speckle
+from calibration.result import Estimate, Solution
+from sim import sensor_edits
+from sim.sensor import Sensor
+
+_PHOTON = ("left.full_well_e", "left.read_noise_e", "left.smoothing_px")
+_UNITS = ("electrons", "electrons", "px")
+_BLOCK_PX = 8
+_QUIETEST = 0.1  # Share of the blocks of about one level that vary least.
+_NEAR = 0.3  # Share of the blocks whose level counts as the median.
+
+
+def fit_noise(
+    observations: Sequence[Observation], predictions: Sequence[Prediction], sensor: Sensor
+) -> Solution:
+    """Fit electrons per DN, read noise, averaging and speckle.
+
+    Both imagers are taken as one part. Photon transfer needs repeats; those of the scene with
+    most frames are taken.
+
+    Args:
+        observations: captured.
+        predictions: of `fit_photometry` on them; without, speckle is left open.
+        sensor: with the levels fitted.
+    """
+    with_repeats = [one.repeats for one in observations if one.repeats is not None]
+    open_: list[str] = []
+    if with_repeats:
+        transfer = fit_photon_transfer(max(with_repeats, key=len), sensor)
+        estimates, covariance = list(transfer.estimates), transfer.covariance
+        open_ += transfer.undetermined
+    else:
+        starts = (sensor.left.full_well_e, sensor.left.read_noise_e, sensor.left.smoothing_px)
+        estimates = [
+            Estimate(name=name, value=start, sd=np.inf, unit=unit, start=start)
+            for name, unit, start in zip(_PHOTON, _UNITS, starts, strict=True)
+        ]
+        covariance = np.diag(np.full(len(estimates), np.inf))
+        bound = [noise_bound_dn(one) for one in predictions if one.side == "left"]
+        most = f" (at most {min(bound):.2g} DN, from the quietest places)" if bound else ""
+        open_.append(
+            f"{', '.join(_PHOTON)} are open: noise cannot be told from texture in single "
+            f"images{most}; capture a scene at rest twice or more."
+        )
+    fitted = _both(sensor, estimates)
+    grain = fit_speckle(predictions, fitted)
+    if grain is None:
+        open_.append(
+            f"{SPECKLE} is open: no image has the projector's dots where they are predicted; "
+            "calibrate geometry and pattern first."
+        )
+    else:
+        estimates.append(grain)
+        covariance = np.pad(covariance, (0, 1))
+        covariance[-1, -1] = grain.sd**2
+        fitted = _both(fitted, [grain])
+    return Solution(
+        estimates=tuple(estimates),
+        covariance=covariance,
+        undetermined=tuple(open_),
+        cost=(),
+        sensor=fitted,
+    )
+
+
+def noise_bound_dn(prediction: Prediction) -> float:
+    """Deviation [DN] that noise has at most about the image's median level.
+
+    Residuals hold beside noise what the model misses; blocks of 8 px where they vary least hold
+    least of that. By chance alone the quietest tenth of blocks of pure noise varies less than
+    noise does, which is allowed for as if averaging left a quarter of the pixels independent.
+
+    Args:
+        prediction: with its residuals.
+
+    Returns:
+        The bound; NaN where no block is whole.
+    """
+    residual = _blocks(np.where(prediction.used, prediction.residual_dn, np.nan))
+    level = _blocks(prediction.signal_dn).mean(axis=1)
+    whole = np.isfinite(residual).all(axis=1)
+    if not whole.any():
+        return float("nan")
+    residual, level = residual[whole], level[whole]
+    off = np.abs(level - np.median(level))
+    variance = residual[off <= np.quantile(off, _NEAR)].var(axis=1, ddof=1)
+    freedom = _BLOCK_PX**2 / 4 - 1
+    chance = stats.chi2.ppf(_QUIETEST, freedom) / freedom
+    return float(np.sqrt(np.quantile(variance, _QUIETEST) / chance))
+
+
+def _blocks(image: NDArray) -> NDArray:
+    """Pixels of each block (n, 64); what does not fill one is left out."""
+    rows, columns = (size // _BLOCK_PX for size in image.shape)
+    cut = image[: rows * _BLOCK_PX, : columns * _BLOCK_PX]
+    cut = cut.reshape(rows, _BLOCK_PX, columns, _BLOCK_PX).swapaxes(1, 2)
+    return cut.reshape(rows * columns, -1)
+
+
+def _both(sensor: Sensor, estimates: Sequence[Estimate]) -> Sensor:
+    """Set what was fitted, in both imagers."""
+    edits = [(e.name.replace("left.", "imager."), e.value) for e in estimates]
+    return sensor_edits.with_values(sensor, edits)

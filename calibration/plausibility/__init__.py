@@ -1,0 +1,1 @@
+"""Whether captures can be what they claim to be."""
