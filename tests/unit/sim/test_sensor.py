@@ -222,7 +222,7 @@ def test_emitters_survive_the_round_trip(tmp_path: Path) -> None:
     assert sensor_edits.apply(_sensor(), edits) == sensor
     moved = sensor_edits.apply(sensor, ["projector.emitters.0.offset_m.x=0.002"])
     assert [one.offset_m[0] for one in moved.projector.emitters] == [2e-3, 0.0]
-    with pytest.raises(InputError, match=r"number in projector\.emitters must be one of 0, 1"):
+    with pytest.raises(InputError, match=r"number in projector\.emitters must be .*; got .2."):
         sensor_edits.apply(sensor, ["projector.emitters.2.pattern=x.png"])
 
 
