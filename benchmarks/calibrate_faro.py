@@ -18,12 +18,15 @@ import tempfile
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 
-from calibration import heldout, observation
-from calibration.pattern import pattern_sensor, pattern_solution, views
-from calibration.pattern import recovery as pattern
+from calibration import correlation, heldout, observation
+from calibration.pattern import pattern_sensor, pattern_solution, recovery, views
 from sim import asked_sensor, capture, compare, simulate_captures
+
+_BETWEEN = -0.45  # Simulated light, in local deviations, below which a pixel lies between dots.
+_EVEN = 0.15  # Share of a window's variance that pixels between dots have, of an even surface.
 
 
 def main() -> None:
@@ -52,12 +55,12 @@ def main() -> None:
                     rows.append(_scored(scene, seen[scene.name], nominal, sensor, found, folder))
                     if asked.gap:
                         _gap(scene, nominal, sensor, rows[-1][0], Path(folder))
-        _summary(np.array([row[1:] for row in rows]))
+        _summary(np.array(rows))
 
 
 def _recovered(used, nominal, folder):
     begun = time.process_time()
-    found = pattern.recover(used, nominal)
+    found = recovery.recover(used, nominal)
     solution = pattern_solution.solution(found, nominal, metric=False)
     print(f"  fit: {len(used)} views, {time.process_time() - begun:.0f} s of processor time")
     for one in (*solution.estimates, *solution.derived):
@@ -68,21 +71,50 @@ def _recovered(used, nominal, folder):
 
 def _scored(scene, seen, nominal, sensor, found, folder):
     begun = observation.load(scene, nominal, smoothing_px=heldout.SMOOTHING_PX)
-    scale = pattern.scene_scale(seen, nominal, found.fitted.model)
+    scale = recovery.scene_scale(seen, nominal, found.fitted.model)
     control = pattern_sensor.mirrored(sensor, Path(folder))
     one = heldout.score(begun, sensor, scale=scale, mirrored=control)
     row = [scale]
     for windows in (one.ncc["left"], one.ncc["right"], one.ceiling):
         row += [float(np.median(windows)), float(np.percentile(windows, 25))]
     row.append(float(np.abs([np.median(w) for w in one.mirrored.values()]).max()))
+    row += _even(one)
     print(
         f"  {scene.name} ({scene.room}) scale {1e3 * (scale - 1):+.2f}e-3  left {row[1]:.3f} "
         f"{row[2]:.3f}  right {row[3]:.3f} {row[4]:.3f}  ceiling {row[5]:.3f} {row[6]:.3f}  "
         f"share {row[1] / row[5]:.3f} {row[2] / row[6]:.3f} {row[3] / row[5]:.3f} "
-        f"{row[4] / row[6]:.3f}  mirrored {row[7]:.3f}",
+        f"{row[4] / row[6]:.3f}  mirrored {row[7]:.3f}  even places {row[8]:.3f} {row[9]:.3f} "
+        f"({row[10]:.0%} of the image)",
         flush=True,
     )
     return row
+
+
+def _even(one):
+    """Correlation in windows whose surface is even: between its dots little varies."""
+    real, simulated = (
+        correlation.high_passed(images["left"]) for images in (one.real, one.simulated)
+    )
+    everywhere = np.ones(real.shape, bool)
+    found = correlation.local_ncc(real, simulated, everywhere)
+    between = (simulated < _BETWEEN).astype(np.float64)
+    side = (correlation.WINDOW_PX,) * 2
+    margin = correlation.WINDOW_PX // 2
+    inner = (slice(margin, -margin, correlation.STRIDE_PX),) * 2
+
+    def mean(image):
+        return cv2.boxFilter(image, cv2.CV_64F, side)[inner].ravel()
+
+    share = np.maximum(mean(between), 1e-6)
+    texture = mean(between * real**2) / share - (mean(between * real) / share) ** 2
+    even = texture < _EVEN * (mean(real.astype(np.float64) ** 2) - mean(real.astype(float)) ** 2)
+    if not even.any():
+        return [float("nan"), float("nan"), 0.0]
+    return [
+        float(np.median(found[even])),
+        float(np.percentile(found[even], 25)),
+        float(even.mean()),
+    ]
 
 
 def _gap(scene, nominal, sensor, scale, folder):
@@ -105,7 +137,9 @@ def _summary(rows):
     print("   ", np.median(rows[:, 1:7], axis=0).round(3))
     print("  share of the ceiling: left, right (median, lower quartile); mean, worst scene")
     print("   ", shares.mean(axis=0).round(3), shares.min(axis=0).round(3))
-    print("  mirrored, largest", rows[:, 7].max().round(3), flush=True)
+    print("  mirrored, largest", rows[:, 7].max().round(3))
+    print("  even places: median, lower quartile, share of the image; medians over scenes")
+    print("   ", np.nanmedian(rows[:, 8:11], axis=0).round(3), flush=True)
 
 
 if __name__ == "__main__":

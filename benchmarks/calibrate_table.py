@@ -18,8 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration import correlation, observation
-from calibration.pattern import emitter_model, lattice, pattern_fit, views
-from calibration.pattern import recovery as pattern
+from calibration.pattern import emitter_model, lattice, pattern_fit, recovery, views
 from sim import asked_sensor, capture
 
 _ROOMS = ("0060", "1982", "4426")
@@ -31,7 +30,7 @@ def main() -> None:
     captures = Path(os.environ["STARLING_CAPTURES"])
     first = _first_unit(captures / "d415-faro")
     seen, sensor = _second_unit(captures / "d415-table")
-    second = pattern.recover(seen, sensor).fitted.model
+    second = recovery.recover(seen, sensor).fitted.model
     for name, model in (("first unit", first), ("second unit", second)):
         print(name)
         for number, one in enumerate(model.emitters):
@@ -60,7 +59,7 @@ def _first_unit(path: Path) -> emitter_model.Model:
     sensor = asked_sensor.load("d415", captures=str(path))
     scenes = [scene for scene in capture.open_set(path).scenes if scene.room in _ROOMS]
     seen = [v for s in scenes for v in views.of(observation.load(s, sensor), sensor)]
-    return pattern.recover(seen, sensor).fitted.model
+    return recovery.recover(seen, sensor).fitted.model
 
 
 def _second_unit(path: Path):

@@ -13,11 +13,10 @@ from calibration import observation
 from calibration import parameters as table
 from calibration.heldout import Scored
 from calibration.observation import Observation
-from calibration.pattern import pattern_sensor, pattern_solution
-from calibration.pattern import recovery as pattern
+from calibration.pattern import pattern_sensor, pattern_solution, recovery
 from calibration.pattern import views as seeing
 from calibration.pattern.recovery import Recovered
-from calibration.plausibility import checks as plausibility
+from calibration.plausibility import checks
 from calibration.result import Calibration, Solution
 from patterns import errors
 from sim import progress
@@ -77,7 +76,7 @@ def fit(
     with clock.stage("load"):
         loaded = tell(inside, "load")
         observations = observation.load_all(loaded, sensor)
-        warnings = plausibility.check(observations, sensor)
+        warnings = checks.check(observations, sensor)
     if all(one.left is None for one in observations):
         return _from_depth(observations, sensor, free, warnings, rooms, clock, tell)
     for group in free:
@@ -134,10 +133,10 @@ def _recovered(
 ) -> Recovered:
     """Recover the pattern, and once more as its own alignment has the images."""
     views = [view for one in tell(observations, "views") for view in seeing.of(one, sensor)]
-    recovered = pattern.recover(views, sensor, tell=tell)
+    recovered = recovery.recover(views, sensor, tell=tell)
     aligned = pattern_sensor.aligned(sensor, recovered.model)
     views = [view for one in tell(observations, "views") for view in seeing.of(one, aligned)]
-    return pattern.again(recovered, views, aligned)
+    return recovery.again(recovered, views, aligned)
 
 
 def _held_out(scenes: Sequence[CapturedScene], asked: Sequence[str] | None) -> tuple[str, ...]:
@@ -237,7 +236,7 @@ def _scored(
         scale = fitted.projector.pattern_scale
         if recovered is not None:
             views = seeing.of(one, start)
-            scale = pattern.scene_scale(views, start, recovered.fitted.model)
+            scale = recovery.scene_scale(views, start, recovered.fitted.model)
         before.append(held.score(one, start, scale=start.projector.pattern_scale))
         after.append(held.score(one, fitted, scale=scale, mirrored=control))
     return tuple(before), tuple(after)

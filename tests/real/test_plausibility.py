@@ -10,7 +10,7 @@ import pytest
 
 from calibration.correlation import high_passed, local_ncc, right_in_left
 from calibration.observation import Observation, truth_px
-from calibration.plausibility import checks as plausibility
+from calibration.plausibility import checks
 from patterns.errors import InputError
 from sim import asked_sensor, capture, sensors
 from sim.metrics import depth_edges
@@ -59,7 +59,7 @@ def three(captures: Path) -> tuple[Observation, ...]:
 def _refusal(observations: tuple[Observation, ...], asked: str = "d415") -> str:
     sensor = observations[0].info.geometry_into(sensors.load(asked))
     with pytest.raises(InputError) as caught:
-        plausibility.check(observations, sensor)
+        checks.check(observations, sensor)
     return str(caught.value)
 
 
@@ -69,9 +69,9 @@ def test_every_room_passes(captures: Path) -> None:
     sensor = asked_sensor.load("d415", captures=str(folder))
     everything = _observations(folder)
     assert len(everything) == 15
-    assert plausibility.check(everything, sensor) == ()
+    assert checks.check(everything, sensor) == ()
     for item in everything:
-        assert plausibility.check([item], sensor) == ()
+        assert checks.check([item], sensor) == ()
 
 
 def test_the_table_passes(captures: Path) -> None:
@@ -82,16 +82,16 @@ def test_the_table_passes(captures: Path) -> None:
     folder = _folder(captures, "d415-table")
     sensor = asked_sensor.load("d415", captures=str(folder))
     (table,) = _observations(folder)
-    (said,) = plausibility.check([table], sensor)
+    (said,) = checks.check([table], sensor)
     assert said.startswith("reference depth of scene table disagrees with its infrared pair in 2")
-    assert plausibility.check([dataclasses.replace(table, truth_m=None)], sensor) == ()
+    assert checks.check([dataclasses.replace(table, truth_m=None)], sensor) == ()
     off = dataclasses.replace(table, left=table.left_off, right=table.right_off)
     assert _refusal((off,)).startswith("captures must show the projector's dots; got dots in")
 
 
 def test_depth_alone_passes(captures: Path) -> None:
     folder = _folder(captures, "kinect-v1-tables")
-    assert plausibility.check(_observations(folder), sensors.load("kinect-v1")) == ()
+    assert checks.check(_observations(folder), sensors.load("kinect-v1")) == ()
 
 
 @pytest.mark.parametrize("asked", ["d435", "d455"])

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from calibration import parameters
-from calibration.geometry import geometry_fit as geometry
-from calibration.geometry import residuals, start
+from calibration.geometry import geometry_fit, residuals, start
 from calibration.observation import Observation
 from patterns.errors import InputError
 from sim import capture_writer, render, sensors
@@ -109,7 +108,7 @@ def test_windows_find_the_dots_over_many_pixels(table: list[Observation]) -> Non
 def test_a_unit_is_found(table: list[Observation]) -> None:
     """From one scene of 320x180, within the figures that hold for three of 640x360."""
     truth = unit(preset())
-    solution = geometry.fit_geometry(table, preset(), free=FREE)
+    solution = geometry_fit.fit_geometry(table, preset(), free=FREE)
     limits = {"baseline_m": 3e-5, "fx_px": 1e-3 * truth.fx_px}
     for estimate in solution.estimates:
         off = estimate.value - parameters.value(truth, estimate.name)
@@ -127,7 +126,7 @@ def test_a_unit_is_found(table: list[Observation]) -> None:
 def test_one_wall_leaves_directions_open() -> None:
     """A fronto-parallel wall alone cannot tell the projector's place from its rotation."""
     wall = observed([builtin.wall(1.0)], unit(preset()))
-    solution = geometry.fit_geometry(wall, preset(), free=(*FREE, "centre", "alignment"))
+    solution = geometry_fit.fit_geometry(wall, preset(), free=(*FREE, "centre", "alignment"))
     assert solution.undetermined
     named = " ".join(solution.undetermined)
     assert "cx_px" in named and "projector." in named
@@ -140,15 +139,15 @@ def test_captures_without_the_dots_are_refused(table: list[Observation]) -> None
     noise = np.random.default_rng(0).random((180, 320), np.float32) * 100
     dark = [dataclasses.replace(table[0], left=noise, right=noise[::-1].copy())]
     with pytest.raises(InputError, match="captures must show the sensor's dots"):
-        geometry.fit_geometry(dark, preset(), free=("baseline",))
+        geometry_fit.fit_geometry(dark, preset(), free=("baseline",))
 
 
 def test_captures_that_cannot_be_fitted_are_refused(table: list[Observation]) -> None:
     with pytest.raises(InputError, match="captures must hold a scene"):
-        geometry.fit_geometry([], preset())
+        geometry_fit.fit_geometry([], preset())
     for missing in ("scene", "left"):
         with pytest.raises(InputError, match="must have infrared images and a posed mesh"):
-            geometry.fit_geometry([dataclasses.replace(table[0], **{missing: None})], preset())
+            geometry_fit.fit_geometry([dataclasses.replace(table[0], **{missing: None})], preset())
 
 
 def test_bright_and_bent_levels_are_undone(table: list[Observation]) -> None:

@@ -12,8 +12,7 @@ import pytest
 import patterns
 from calibration import heldout, observation
 from calibration.observation import Observation
-from calibration.pattern import pattern_sensor, pattern_solution
-from calibration.pattern import recovery as pattern
+from calibration.pattern import pattern_sensor, pattern_solution, recovery
 from calibration.pattern import views as seeing
 from calibration.pattern.recovery import Recovered
 from calibration.result import Estimate, Solution
@@ -95,10 +94,10 @@ def _seen(
 def _recovered(observations: list[Observation], sensor: Sensor) -> Recovered:
     """As `calibration.fit` does: twice, the second time as its own alignment has the images."""
     views = [view for one in observations for view in seeing.of(one, sensor)]
-    recovered = pattern.recover(views, sensor)
+    recovered = recovery.recover(views, sensor)
     aligned = pattern_sensor.aligned(sensor, recovered.model)
     views = [view for one in observations for view in seeing.of(one, aligned)]
-    return pattern.again(recovered, views, aligned)
+    return recovery.again(recovered, views, aligned)
 
 
 def _misaligned(sensor: Sensor) -> Sensor:
@@ -281,7 +280,7 @@ def test_another_scene_is_simulated_as_it_was_seen(
     found.mkdir()
     fitted = pattern_sensor.with_pattern(case.start, case.recovered, found)
     other = _held_out(folder, case.start)
-    scale = pattern.scene_scale(seeing.of(other, case.start), case.start, case.recovered.model)
+    scale = recovery.scene_scale(seeing.of(other, case.start), case.start, case.recovered.model)
     assert scale == pytest.approx(1.0, abs=2e-4)
     scored = heldout.score(
         other, fitted, scale=scale, mirrored=pattern_sensor.mirrored(fitted, found)
@@ -333,7 +332,7 @@ def test_a_projector_that_lights_nothing_is_refused() -> None:
         usable=np.zeros(shape, bool),
     )
     with pytest.raises(InputError, match="captures must show surfaces that the projector lights"):
-        pattern.recover([dark], sensor)
+        recovery.recover([dark], sensor)
 
 
 def test_views_are_placed_as_the_sensor_is_aligned() -> None:

@@ -15,8 +15,13 @@ import numpy as np
 import pytest
 
 from calibration.observation import Observation
-from calibration.plausibility import checks as plausibility
-from calibration.plausibility import correspondence, depth_spread, preset_fit, reference_scale
+from calibration.plausibility import (
+    checks,
+    correspondence,
+    depth_spread,
+    preset_fit,
+    reference_scale,
+)
 from calibration.plausibility.dots_seen import covered, see, stated_per_deg2
 from patterns.errors import InputError
 from sim import projector, sensors
@@ -102,7 +107,7 @@ def _observation(
 
 def _refusal(*observations: Observation, sensor: Sensor = D435) -> str:
     with pytest.raises(InputError) as caught:
-        plausibility.check(observations, sensor)
+        checks.check(observations, sensor)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -113,7 +118,7 @@ A, B = _observation("a"), _observation("b", near_px=26.0, far_px=17.0)
 @pytest.mark.parametrize("name", ["d435", "d415"])
 def test_what_is_right_passes(name: str) -> None:
     sensor = _sensor(name)
-    assert plausibility.check([_observation("a", sensor)], sensor) == ()
+    assert checks.check([_observation("a", sensor)], sensor) == ()
 
 
 def test_disparity_is_found_to_sub_pixels() -> None:
@@ -164,10 +169,10 @@ def test_reference_off_by_a_factor(factor: float) -> None:
 
 def test_reference_off_by_a_little_is_said() -> None:
     wrong = dataclasses.replace(A, truth_m=np.float32(1.0254) * A.truth_m)
-    (said,) = plausibility.check([wrong], D435)
+    (said,) = checks.check([wrong], D435)
     assert said.startswith("disparities are 1.02")
     close = dataclasses.replace(A, truth_m=np.float32(1.01) * A.truth_m)
-    assert plausibility.check([close], D435) == ()
+    assert checks.check([close], D435) == ()
 
 
 def test_a_scene_that_contradicts_the_others_is_named() -> None:
@@ -189,7 +194,7 @@ def test_a_reference_that_is_wrong_in_part_is_said() -> None:
     assert A.truth_m is not None
     moved = A.truth_m.copy()
     moved[250:330] *= 1.5
-    (said,) = plausibility.check([dataclasses.replace(A, truth_m=moved)], D435)
+    (said,) = checks.check([dataclasses.replace(A, truth_m=moved)], D435)
     assert said.startswith("reference depth of scene a disagrees with its infrared pair in 2")
 
 
@@ -204,7 +209,7 @@ def test_too_little_to_compare_says_nothing() -> None:
     assert reference_scale.compare("a", few, few, 640.0) is None
     assert reference_scale.check((), 1e-3) == ()
     unknown = dataclasses.replace(A, truth_m=None, depth_m=None)
-    assert plausibility.check([unknown, B], D435) == ()
+    assert checks.check([unknown, B], D435) == ()
 
 
 @pytest.mark.parametrize("image", [_texture(D435), np.full((360, 640), 40.0)])
@@ -213,8 +218,8 @@ def test_no_dots(image: np.ndarray) -> None:
     dark = _observation("dark", image=image)
     assert _refusal(dark).startswith("captures must show the projector's dots; got dots in at")
     off = dataclasses.replace(D435, projector=dataclasses.replace(D435.projector, power_w=0.0))
-    assert plausibility.check([dark], off) == ()
-    (said,) = plausibility.check([A, dark], D435)
+    assert checks.check([dark], off) == ()
+    (said,) = checks.check([A, dark], D435)
     assert said == "scene dark shows hardly any dots: was the emitter off?"
 
 
@@ -230,7 +235,7 @@ def test_too_few_dots() -> None:
 def test_dots_in_a_part_of_the_field() -> None:
     half = _drawn(D435)
     half[:, 200:] = 40
-    (said,) = plausibility.check([_observation("a", image=half)], D435)
+    (said,) = checks.check([_observation("a", image=half)], D435)
     assert said.startswith("dots are seen in ") and "of the projector's field" in said
 
 
@@ -275,7 +280,7 @@ def test_the_wrong_preset_without_infrared() -> None:
     said = _refusal(blind, sensor=asked)
     assert "a field 71 deg wide where the preset has 89" in said and "d415 fits" in said
     unnamed = dataclasses.replace(blind.info, sensor="mine")
-    (warned,) = plausibility.check([dataclasses.replace(blind, info=unnamed)], asked)
+    (warned,) = checks.check([dataclasses.replace(blind, info=unnamed)], asked)
     assert warned.endswith("preset d415 fits better.")
     wide = dataclasses.replace(unnamed, baseline_m=0.2, fx_px=5000.0)
     (warned,) = preset_fit.check(wide, asked, None)
@@ -285,17 +290,17 @@ def test_the_wrong_preset_without_infrared() -> None:
 def test_another_pattern_that_no_preset_has_is_said() -> None:
     dense = dataclasses.replace(D435.projector, dot_density=2.2)
     item = _observation("a", dataclasses.replace(D435, projector=dense))
-    (said,) = plausibility.check([item], dataclasses.replace(D435, name="mine"))
+    (said,) = checks.check([item], dataclasses.replace(D435, name="mine"))
     assert said.startswith("sensor mine may not be of the captures' model: 0.7")
 
 
 def test_one_wall() -> None:
     wall = _observation("a", near_px=20.0, far_px=20.0)
-    (said,) = plausibility.check([wall], D435)
+    (said,) = checks.check([wall], D435)
     assert "one distance only: disparities of 20.0 px vary by 0 px" in said
     assert "capture a wall at a second distance" in said
     second = _observation("b", near_px=10.0, far_px=10.0)
-    assert plausibility.check([wall, second], D435) == ()
+    assert checks.check([wall, second], D435) == ()
 
 
 def test_spread_is_a_standard_deviation() -> None:
@@ -310,12 +315,12 @@ def test_spread_is_a_standard_deviation() -> None:
 def test_depth_alone() -> None:
     """Without infrared the device's depth is held against the reference and the range."""
     blind = dataclasses.replace(A, left=None, right=None)
-    assert plausibility.check([blind], D435) == ()
+    assert checks.check([blind], D435) == ()
     wrong = dataclasses.replace(blind, truth_m=np.float32(10) * blind.truth_m)
     assert "got depths 10 times" in _refusal(wrong)
     metres = dataclasses.replace(blind, depth_m=np.float32(1000) * blind.depth_m, truth_m=None)
     assert _refusal(metres).startswith("depth of scene a must lie within the sensor's 0.17 to")
     empty = dataclasses.replace(blind, depth_m=np.full((360, 640), np.nan, np.float32))
-    assert plausibility.check([empty], D435) == ()
+    assert checks.check([empty], D435) == ()
     nothing = dataclasses.replace(blind, depth_m=None, truth_m=None)
-    assert plausibility.check([nothing], D435) == ()
+    assert checks.check([nothing], D435) == ()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibration.observation import Observation
-from calibration.plausibility import checks as plausibility
+from calibration.plausibility import checks
 from calibration.plausibility.correspondence import find
 from calibration.plausibility.dots_seen import see, stated_per_deg2
 from patterns.errors import InputError
@@ -70,16 +70,16 @@ def captures(sensor: Sensor) -> tuple[Observation, ...]:
 
 def _refusal(observations: tuple[Observation, ...], sensor: Sensor) -> str:
     with pytest.raises(InputError) as caught:
-        plausibility.check(observations, sensor)
+        checks.check(observations, sensor)
     return str(caught.value)
 
 
 def test_each_passes_alone_and_with_the_others(
     captures: tuple[Observation, ...], sensor: Sensor
 ) -> None:
-    assert plausibility.check(captures, sensor) == ()
+    assert checks.check(captures, sensor) == ()
     for item in captures:
-        assert plausibility.check([item], sensor) == ()
+        assert checks.check([item], sensor) == ()
 
 
 def test_dots_are_as_dense_as_stated(captures: tuple[Observation, ...], sensor: Sensor) -> None:
@@ -98,7 +98,7 @@ def test_the_emitter_off(sensor: Sensor) -> None:
     dark = _captures(off)
     said = _refusal(dark, sensor)
     assert said.startswith("captures must show the projector's dots; got dots in at most ")
-    assert plausibility.check(dark, off) == ()
+    assert checks.check(dark, off) == ()
 
 
 def test_the_wrong_preset(captures: tuple[Observation, ...], sensor: Sensor) -> None:
@@ -133,6 +133,6 @@ def test_another_scene_s_depth(captures: tuple[Observation, ...], sensor: Sensor
 
 def test_one_wall(sensor: Sensor) -> None:
     near, far = _observation("wall:1", sensor, 7), _observation("wall:2", sensor, 8)
-    (said,) = plausibility.check([near], sensor)
+    (said,) = checks.check([near], sensor)
     assert said.startswith("the captures show one distance only: disparities of ")
-    assert plausibility.check([near, far], sensor) == ()
+    assert checks.check([near, far], sensor) == ()
