@@ -1,6 +1,6 @@
 # Every command sets up what it needs first (tools/setup.sh); a second call is quick.
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures test test-fast lint format types bench docs clean setup-run setup-test setup-docs
+.PHONY: help demo pictures test test-fast test-long lint format types bench docs clean setup-run setup-test setup-docs
 
 bin := .venv/bin
 pytest := $(bin)/python -m pytest
@@ -17,11 +17,14 @@ pictures: demo  ## Make the pictures of the documentation anew.
 	$(bin)/starling sweep --sensor d435 --out out/sweep --force
 	cp out/sweep/sweep.png docs/pictures/sweep.png
 
-test: setup-test  ## Run every test; set up with torch.
+test: setup-test  ## Run every test but the minutes-long ones; set up with torch.
 	$(pytest)
 
 test-fast: setup-test  ## Run the tests that take seconds.
-	$(pytest) -m "not slow"
+	$(pytest) -m "not slow and not long"
+
+test-long: setup-test  ## Run the tests that take minutes each.
+	$(pytest) -m long
 
 lint: setup-test  ## Check style and format (ruff).
 	$(bin)/ruff check .

@@ -62,7 +62,7 @@ def _observed(
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("mesh", [True, False])
 def test_what_depth_tells_comes_back(mesh: bool) -> None:
     """f b within 0.05 %, offset 0.02 px, NMAD 10 %; the gap of holes halved on an unseen scene.
@@ -100,7 +100,7 @@ def test_what_depth_tells_comes_back(mesh: bool) -> None:
     assert row["ndp_iou_after"] > row["ndp_iou_before"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_room_is_scored_by_a_fit_that_never_saw_it() -> None:
     """Geometry alone, two folds: held-out scenes lose the bias that the preset has on them."""
     preset = _preset(320)

@@ -104,7 +104,7 @@ def test_windows_find_the_dots_over_many_pixels(table: list[Observation]) -> Non
         assert abs(off) < 0.15 * row.tolerance, row.name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_unit_is_found(table: list[Observation]) -> None:
     """From one scene of 320x180, within the figures that hold for three of 640x360."""
     truth = unit(preset())
@@ -122,7 +122,7 @@ def test_a_unit_is_found(table: list[Observation]) -> None:
     np.testing.assert_allclose(np.diagonal(solution.correlation), 1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_one_wall_leaves_directions_open() -> None:
     """A fronto-parallel wall alone cannot tell the projector's place from its rotation."""
     wall = observed([builtin.wall(1.0)], unit(preset()))

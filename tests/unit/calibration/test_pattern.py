@@ -152,7 +152,7 @@ def lattices(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     return Case(start, truth, recovered, solution)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_emitters_are_found(lattices: Case) -> None:
     """Each within 0.1 mm, 1.5 mm and more off the start and 4.4 mm apart."""
     assert len(lattices.recovered.lattices) == 2
@@ -163,7 +163,7 @@ def test_two_emitters_are_found(lattices: Case) -> None:
     assert off.min(axis=1).max() < 1e-4
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_lattices_are_those_drawn(lattices: Case) -> None:
     """A pitch of 16 mrad at 49 and 60 degrees, to 3e-4 and 0.02 degrees."""
     angles = []
@@ -175,14 +175,14 @@ def test_the_lattices_are_those_drawn(lattices: Case) -> None:
     np.testing.assert_allclose(sorted(angles), [49, 60], atol=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_scenes_scales_are_found(lattices: Case) -> None:
     """To 3e-5, of a laser's drift of 1e-3."""
     scales = list(lattices.recovered.model.scales.values())
     np.testing.assert_allclose(scales, SCALES, atol=3e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_right_image_is_put_right(lattices: Case) -> None:
     """Sign and size of each number, as the sensor has it that renders the captures."""
     limits = {
@@ -200,7 +200,7 @@ def test_the_right_image_is_put_right(lattices: Case) -> None:
     assert fitted.baseline_m == pytest.approx(lattices.truth.baseline_m, abs=3e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_are_no_empty_words(lattices: Case) -> None:
     """Half of the 90 % intervals hold the truth, and no number is off by ten deviations.
 
@@ -250,7 +250,7 @@ def scattered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, list[Obse
     return Case(start, truth, recovered, solution), observations, folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_image_and_its_emitter_s_place_are_found(
     scattered: tuple[Case, list[Observation], Path],
 ) -> None:
@@ -270,7 +270,7 @@ def test_an_image_and_its_emitter_s_place_are_found(
     assert case.estimate("focal_baseline_px_m").value == pytest.approx(true, rel=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_another_scene_is_simulated_as_it_was_seen(
     scattered: tuple[Case, list[Observation], Path],
 ) -> None:

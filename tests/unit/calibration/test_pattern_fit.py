@@ -191,7 +191,7 @@ def test_the_scenes_mean_scale_is_one(found: Fitted) -> None:
     assert np.mean(list(found.model.scales.values())) == pytest.approx(1, abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nine_intervals_of_ten_hold_the_truth(sensor: Sensor) -> None:
     """Of twelve parameters and eight draws: 80 to 100 %, and no interval idly wide.
 

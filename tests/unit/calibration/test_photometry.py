@@ -270,7 +270,7 @@ def test_single_images_bound_the_noise() -> None:
     assert np.isnan(noise_bound_dn(nowhere))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("known", [True, False])
 def test_intervals_cover(known: bool) -> None:
     """Nominal 90 % intervals hold the truth in 80 to 97 % of 40 repeats, all numbers together.

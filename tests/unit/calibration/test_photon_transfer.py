@@ -83,7 +83,7 @@ def test_power_that_flickers_from_frame_to_frame_is_no_noise() -> None:
     assert found["full_well_e"] == pytest.approx(truth.left.full_well_e, rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_cover() -> None:
     """Nominal 90 % intervals hold the truth in 80 to 97 % of 60 repeats, for each number."""
     truth = sensor_with(bit_depth=10, read_noise_e=30.0, smoothing_px=0.5)
