@@ -7,52 +7,20 @@ import io
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from patterns import errors
 from sim import progress, projector, record, sensors, sweep_axes
 from sim.output import RECORD, OutputFolder
 from sim.sensor import Sensor
-from sim.sweep_axes import AXES, Camera
-
-if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
-    from sim.sweep_figures import Figures
+from sim.sweep_axes import AXES
+from sim.sweep_figures import Figures, Stages, measure
+from sim.sweep_result import Sweep as Sweep
 
 DISTANCES_M = (0.4, 0.6, 0.9, 1.3, 2.0, 3.0, 4.0, 6.0)
 REFERENCE_M = 1.0  # The disparity noise of the law is the base's at the distance nearest to this.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Sweep:
-    """Every camera at every distance."""
-
-    cameras: tuple[Camera, ...]  # The base comes first.
-    distances_m: tuple[float, ...]  # Ascending.
-    figures: tuple[tuple[Figures, ...], ...]  # By camera, then by distance.
-    reference: int  # Which distance the disparity noise of the law was measured at.
-
-    @property
-    def sigma_d_px(self) -> float:
-        """Disparity noise of the law [px]: the base camera's, at the reference distance."""
-        return self.figures[0][self.reference].noise_px
-
-    def name(self, camera: Camera) -> str:
-        """What tells a camera from the base, in words."""
-        return sweep_axes.name_of(camera, self.cameras[0])
-
-    def law_m(self, camera: Camera) -> list[float]:
-        """Depth noise [m] by the law z^2 / (f b) sigma_d at every distance."""
-        from sim import sweep_figures
-
-        sigma = self.sigma_d_px
-        return [sweep_figures.law_m(camera.sensor, z, sigma) for z in self.distances_m]
-
-    def of(self, camera: Camera) -> tuple[Figures, ...]:
-        """The figures of one of the cameras at every distance."""
-        return self.figures[self.cameras.index(camera)]
 
 
 def sweep(
@@ -90,7 +58,6 @@ def sweep(
         for number in range(len(projector.emitters(part))):
             projector.irradiance_at_unit_distance(part, number)
     from sim import simulate
-    from sim.sweep_figures import Stages, measure
 
     simulate.refuse_impossible(base, 1)
     measured: list[list[Figures]] = [[] for _ in cameras]

@@ -13,7 +13,7 @@ from sim.sweep_figures import BEHIND, Figures, nearest_m
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from sim.sweep import Sweep
+    from sim.sweep_result import Sweep
 
 # What keeps a pixel from having depth, in groups that a designer can do something about.
 GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
