@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import correlation
-from calibration.observation import Observation
+from calibration.observation import Observation, truth_px
 from patterns import errors
 from sim import metrics
 from sim.depth import disparity_from_depth
@@ -146,12 +146,9 @@ def _usable(
 
 def _ceiling(observation: Observation, left: Array) -> Array:
     """How like the left image its own camera's right one is, warped by the reference."""
-    if observation.right is None or observation.truth_m is None:
+    disparity = truth_px(observation)
+    if observation.right is None or disparity is None:
         return np.empty(0, np.float32)
-    info = observation.info
-    disparity = disparity_from_depth(
-        observation.truth_m, focal_px=info.fx_px, baseline_m=info.baseline_m
-    )
     warped, inside = correlation.right_in_left(observation.right, disparity)
     usable = inside & ~metrics.depth_edges(disparity)
     return correlation.local_ncc(left, correlation.high_passed(warped), usable)

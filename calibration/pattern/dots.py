@@ -40,11 +40,10 @@ def of(recovered: Recovered, sensor: Sensor) -> tuple[Dots, ...]:
         recovered: from `calibration.pattern.recovery.recover`.
         sensor: whose field they fill and whose blur is taken off.
     """
-    blur = imager_blur_px(sensor) / sensor.fx_px
     out = []
     for one in recovered.fitted.model.emitters:
         if isinstance(one.source, Lattice):
-            out.append(_of_lattice(one.source, sensor, blur))
+            out.append(of_lattice(one.source, sensor))
         else:
             out.append(_of_image(one.source))
     return tuple(out)
@@ -62,7 +61,9 @@ def table(recovered: Recovered, sensor: Sensor) -> str:
     return stream.getvalue()
 
 
-def _of_lattice(lattice: Lattice, sensor: Sensor, blur: float) -> Dots:
+def of_lattice(lattice: Lattice, sensor: Sensor) -> Dots:
+    """List a lattice's dots that fall into a sensor's field, the imager's blur taken off."""
+    blur = imager_blur_px(sensor) / sensor.fx_px
     half_x, half_y = light.half_tangents(sensor.projector)
     far = float(np.hypot(half_x, half_y))
     reach = far / np.hypot(1, far)

@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.pattern import dots
 from calibration.pattern.emitter_model import Emission, Model
 from calibration.pattern.lattice import Lattice
-from calibration.pattern.recovery import Recovered, imager_blur_px
+from calibration.pattern.recovery import Recovered
 from calibration.pattern.unprojected import PatternImage
 from patterns import Pattern
 from patterns.dots import SIGMA_PER_FWHM
@@ -104,21 +105,14 @@ def _image(emitter: Emission, sensor: Sensor) -> NDArray[np.floating[Any]]:
 
 
 def _drawn(lattice: Lattice, field: Field, sensor: Sensor) -> NDArray[np.floating[Any]]:
-    corner = np.hypot(field.half_x, field.half_y)
-    reach = float(corner / np.hypot(1, corner))
-    cosines = lattice.dots(reach, reach)
-    cosines = cosines[(cosines**2).sum(axis=1) < reach**2 * 1.02]
-    slopes = cosines / np.sqrt(1 - (cosines**2).sum(axis=1))[:, None]
-    # Seen widths hold the imager's blur; what is drawn must not.
-    seen = lattice.sigma
-    own = np.sqrt(max(seen**2 - (imager_blur_px(sensor) / sensor.fx_px) ** 2, 0.0))
+    found = dots.of_lattice(lattice, sensor)
     return Pattern.of_dots(
-        slopes[:, 0],
-        slopes[:, 1],
-        np.ones(len(slopes)),
+        found.slopes[:, 0],
+        found.slopes[:, 1],
+        found.power,
         field=field,
         width_px=_WIDTH_PX,
-        fwhm_mrad=max(1e3 * own, _NARROWEST_MRAD) / SIGMA_PER_FWHM,
+        fwhm_mrad=max(found.sigma_mrad, _NARROWEST_MRAD) / SIGMA_PER_FWHM,
         background=0.0,
         name="lattice",
     ).image
