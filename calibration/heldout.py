@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from patterns import errors
 from sim import metrics
 from sim.depth import disparity_from_depth
 from sim.sensor import Imager, Sensor
+
+if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
+    from sim.stage import Stage
 
 Array = NDArray[np.float32]
 Side = Literal["left", "right"]
@@ -62,11 +65,14 @@ def score(
             "less",
             "Hold out another one.",
         )
+    from sim.stage import Stage
+
     real: dict[Side, Array] = {"left": observation.left}
     if observation.right is not None:
         real["right"] = observation.right
-    simulated, depth = simulate(observation, sensor, scale)
-    control = simulate(observation, mirrored, scale)[0] if mirrored else {}
+    stage = Stage(observation.scene)
+    simulated, depth = simulate(stage, sensor, scale)
+    control = simulate(stage, mirrored, scale)[0] if mirrored else {}
     usable = {side: _usable(observation, sensor, side, depth[side]) for side in real}
     high = {side: correlation.high_passed(image) for side, image in real.items()}
 
@@ -92,21 +98,18 @@ def score(
 
 
 def simulate(
-    observation: Observation, sensor: Sensor, scale: float
+    stage: Stage, sensor: Sensor, scale: float
 ) -> tuple[dict[Side, Array], dict[Side, Array]]:
     """Infrared images [DN] without noise, and the depths [m] that each imager sees, (h, w) each."""
     from sim import render
     from sim.simulate import infrared
-    from sim.stage import Stage
 
-    assert observation.scene is not None
     light = dataclasses.replace(
         sensor.projector, pattern_scale=scale, speckle_contrast=0.0, flicker=0.0
     )
     quiet = dataclasses.replace(
         sensor, projector=light, left=_quiet(sensor.left), right=_quiet(sensor.right)
     )
-    stage = Stage(observation.scene)
     layers = render.layers(stage, quiet)
     pair = infrared(layers, stage.scene, quiet)
     unit = np.float32(sensor.left.ceiling_dn / quiet.left.ceiling_dn)

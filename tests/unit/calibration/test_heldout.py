@@ -17,6 +17,7 @@ from sim.scene import Scene
 from sim.sensor import Sensor
 from sim.sensor_edits import with_values
 from sim.simulate import simulate
+from sim.stage import Stage
 
 WIDTH, HEIGHT = 400, 224
 
@@ -108,7 +109,7 @@ def test_simulated_images_are_the_real_ones_in_unit_and_noise_free(
     seen: Observation, sensor: Sensor, scored: heldout.Scored
 ) -> None:
     """Codes of the sensor's own depth; two simulations are one."""
-    again, depth = heldout.simulate(seen, sensor, 1.002)
+    again, depth = heldout.simulate(Stage(seen.scene), sensor, 1.002)
     np.testing.assert_array_equal(again["left"], scored.simulated["left"])
     assert again["left"].max() <= sensor.left.ceiling_dn
     ratio = float(again["left"].mean() / scored.real["left"].mean())
