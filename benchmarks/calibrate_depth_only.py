@@ -54,15 +54,8 @@ def depth_alone(scene: CapturedScene) -> Observation:
         name=scene.name,
         room=scene.room,
         info=scene.info,
-        left=None,
-        right=None,
-        left_off=None,
-        right_off=None,
         depth_m=frame.depth_m,
         truth_m=scene.truth_m(),
-        scene=None,
-        metric=False,
-        repeats=None,
     )
 
 

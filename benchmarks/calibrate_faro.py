@@ -1,14 +1,15 @@
-"""Recover a real D415's pattern from its own rooms, and re-simulate rooms that the fit never saw.
+"""Calibrate to a real D415 on some of its rooms, and re-simulate rooms that the fit never saw.
 
-For every room, the pattern is recovered from N of the other rooms (the next ones in order, all of
+For every room, a sensor is calibrated on N of the other rooms (the next ones in order, all of
 them for N = 9), and the room's scenes are simulated by the sensor that comes out. Prints the
 correlation of simulated with real infrared beside the ceiling that the camera's own right image
-sets, places and widths of the fit, and the figures of `starling compare` before and after.
+sets, what was fitted, and the figures of `starling compare` before and after.
 
 Usage:
     STARLING_CAPTURES=... python benchmarks/calibrate_faro.py                  # all other rooms
     STARLING_CAPTURES=... python benchmarks/calibrate_faro.py --rooms 1 2 3 5  # from few
-    STARLING_CAPTURES=... python benchmarks/calibrate_faro.py --gap            # with compare
+    STARLING_CAPTURES=... python benchmarks/calibrate_faro.py --gap            # levels and noise
+                                                                # too, and compare
 """
 
 import argparse
@@ -21,8 +22,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calibration import correlation, heldout, observation
-from calibration.pattern import pattern_sensor, pattern_solution, recovery, views
+import calibration
+from calibration import correlation
 from sim import asked_sensor, capture, compare, simulate_captures
 
 _BETWEEN = -0.45  # Simulated light, in local deviations, below which a pixel lies between dots.
@@ -39,48 +40,54 @@ def main() -> None:
     path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
     nominal = asked_sensor.load("d415", captures=str(path))
     scenes = capture.open_set(path).scenes
-    seen = {scene.name: views.of(observation.load(scene, nominal), nominal) for scene in scenes}
     rooms = list(dict.fromkeys(scene.room for scene in scenes))
+    free = ("pattern", "photometry", "noise") if asked.gap else ("pattern",)
+    held = [room for room in rooms if room in asked.held or not asked.held]
+    before = {s.name: _gap(s, nominal) for s in scenes if asked.gap and s.room in held}
+    if before:
+        print("before:")
+        _gap_summary(before)
     for count in asked.rooms:
         print(f"\nfrom {count} rooms")
-        rows = []
-        for number, room in enumerate(rooms):
-            if asked.held and room not in asked.held:
-                continue
+        rows, after = [], {}
+        for room in held:
+            number = rooms.index(room)
             others = (rooms[number + 1 :] + rooms[:number])[:count]
+            used = [scene for scene in scenes if scene.room in (room, *others)]
             with tempfile.TemporaryDirectory() as folder:
-                used = [view for s in scenes if s.room in others for view in seen[s.name]]
-                found, sensor = _recovered(used, nominal, Path(folder))
-                for scene in (s for s in scenes if s.room == room):
-                    rows.append(_scored(scene, seen[scene.name], nominal, sensor, found, folder))
+                found = _calibrated(used, nominal, free, room, Path(folder))
+                for one in found.heldout:
+                    rows.append(_scored(one))
                     if asked.gap:
-                        _gap(scene, nominal, sensor, rows[-1][0], Path(folder))
+                        scene = next(s for s in scenes if s.name == one.scene)
+                        light = dataclasses.replace(found.sensor.projector, pattern_scale=one.scale)
+                        after[one.scene] = _gap(
+                            scene, dataclasses.replace(found.sensor, projector=light)
+                        )
         _summary(np.array(rows))
+        if after:
+            _gap_summary(after)
 
 
-def _recovered(used, nominal, folder):
+def _calibrated(scenes, nominal, free, room, folder):
     begun = time.process_time()
-    found = recovery.recover(used, nominal)
-    solution = pattern_solution.solution(found, nominal, metric=False)
-    print(f"  fit: {len(used)} views, {time.process_time() - begun:.0f} s of processor time")
-    for one in (*solution.estimates, *solution.derived):
-        if "[" not in one.name:
-            print(f"    {one.name:36}{one.value:14.6g} +- {one.sd:.2g} {one.unit}")
-    return found, pattern_sensor.with_pattern(nominal, found, folder)
+    found = calibration.fit(scenes, nominal, free=free, heldout=(room,), folder=folder)
+    print(f"  {room} held out, {time.process_time() - begun:.0f} s of processor time")
+    for solution in found.solutions.values():
+        for one in (*solution.estimates, *solution.derived):
+            if "[" not in one.name:
+                print(f"    {one.name:36}{one.value:14.6g} +- {one.sd:.2g} {one.unit}")
+    return found
 
 
-def _scored(scene, seen, nominal, sensor, found, folder):
-    begun = observation.load(scene, nominal, smoothing_px=heldout.SMOOTHING_PX)
-    scale = recovery.scene_scale(seen, nominal, found.fitted.model)
-    control = pattern_sensor.mirrored(sensor, Path(folder))
-    one = heldout.score(begun, sensor, scale=scale, mirrored=control)
-    row = [scale]
+def _scored(one):
+    row = [one.scale]
     for windows in (one.ncc["left"], one.ncc["right"], one.ceiling):
         row += [float(np.median(windows)), float(np.percentile(windows, 25))]
     row.append(float(np.abs([np.median(w) for w in one.mirrored.values()]).max()))
     row += _even(one)
     print(
-        f"  {scene.name} ({scene.room}) scale {1e3 * (scale - 1):+.2f}e-3  left {row[1]:.3f} "
+        f"  {one.scene} ({one.room}) scale {1e3 * (one.scale - 1):+.2f}e-3  left {row[1]:.3f} "
         f"{row[2]:.3f}  right {row[3]:.3f} {row[4]:.3f}  ceiling {row[5]:.3f} {row[6]:.3f}  "
         f"share {row[1] / row[5]:.3f} {row[2] / row[6]:.3f} {row[3] / row[5]:.3f} "
         f"{row[4] / row[6]:.3f}  mirrored {row[7]:.3f}  even places {row[8]:.3f} {row[9]:.3f} "
@@ -117,18 +124,27 @@ def _even(one):
     ]
 
 
-def _gap(scene, nominal, sensor, scale, folder):
-    """Print the figures of compare by the preset and by the calibrated sensor."""
-    light = dataclasses.replace(sensor.projector, pattern_scale=scale)
-    for name, camera in (
-        ("before", nominal),
-        ("after", dataclasses.replace(sensor, projector=light)),
-    ):
-        out = folder / name
-        simulate_captures.simulate_captures(str(scene.path), camera, out, force=True)
+def _gap(scene, sensor):
+    """Print and return the figures of compare, real and simulated, of one scene."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder, "simulated")
+        simulate_captures.simulate_captures(str(scene.path), sensor, out)
         figures = compare.compare(capture.open_set(scene.path), capture.open_set(out))["metrics"]
-        text = "  ".join(f"{key} {v['real']:.3f} {v['sim']:.3f}" for key, v in figures.items())
-        print(f"    {name}: {text}", flush=True)
+    text = "  ".join(f"{key} {v['real']:.3f} {v['sim']:.3f}" for key, v in figures.items())
+    print(f"    {scene.name}: {text}", flush=True)
+    return figures
+
+
+def _gap_summary(scenes):
+    """Medians over scenes: of both, and of how far apart they are scene by scene."""
+    print("  medians over scenes: real, simulated, size of the gap")
+    for key in next(iter(scenes.values())):
+        real, sim, gap = (
+            [figures[key][part] for figures in scenes.values()] for part in ("real", "sim", "gap")
+        )
+        print(
+            f"    {key:14}{np.median(real):8.3f}{np.median(sim):8.3f}{np.median(np.abs(gap)):8.3f}"
+        )
 
 
 def _summary(rows):

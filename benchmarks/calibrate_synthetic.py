@@ -145,14 +145,20 @@ def _info(sensor: Sensor) -> CaptureInfo:
     )
 
 
-def with_image(sensor: Sensor, folder: Path) -> Sensor:
-    """The sensor with its pattern as an image file, which keeps its dots at every field."""
+def with_images(sensor: Sensor, folder: Path) -> Sensor:
+    """The sensor with its patterns as image files, which keep their dots at every field."""
     part = sensor.projector
-    drawn = projector.pattern(part.pattern, part.fov_x_deg, part.fov_y_deg, part.pattern_seed)
-    path = folder / "pattern.png"
-    code = np.rint(drawn.image * (65535 / drawn.image.max())).astype(np.uint16)
-    cv2.imwrite(str(path), code)
-    return with_values(sensor, [("projector.pattern", str(path))])
+    shown = []
+    for number, emitter in enumerate(projector.emitters(part)):
+        drawn = projector.pattern(
+            emitter.pattern, part.fov_x_deg, part.fov_y_deg, part.pattern_seed
+        )
+        path = folder / f"pattern-{number}.png"
+        code = np.rint(drawn.image * (65535 / drawn.image.max())).astype(np.uint16)
+        cv2.imwrite(str(path), code)
+        shown.append(dataclasses.replace(emitter, pattern=str(path)))
+    light = dataclasses.replace(part, emitters=tuple(shown))
+    return dataclasses.replace(sensor, projector=light)
 
 
 def run(sensor: Sensor, case: str, start: int) -> dict[str, object]:
@@ -162,7 +168,7 @@ def run(sensor: Sensor, case: str, start: int) -> dict[str, object]:
         folder = Path(name)
         free = FREE
         if case == "reference":
-            sensor, free = with_image(sensor, folder), (*FREE, "field")
+            sensor, free = with_images(sensor, folder), (*FREE, "field")
         truth = perturbed(sensor, rng, field=case == "reference")
         if case == "reference":
             (folder / "set").mkdir()

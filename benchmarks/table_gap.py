@@ -16,8 +16,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from sim import asked_sensor, capture, scenes
-from sim.depth import disparity_from_depth, measure
+from sim.depth import disparity_from_depth
 from sim.dots import dot_contrast
+from sim.measurement import measure
 from sim.metrics import hole_overlap, reached_pixels
 from sim.sensor import Sensor
 from sim.simulate import simulate

@@ -6,19 +6,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration import detail
 from patterns.errors import refuse
 
 Array = NDArray[np.float32]
 
-SMOOTH_PX = 6.0  # Sigma of what is subtracted: several dots wide.
-DEVIATION_PX = 10.0  # Sigma of the neighbourhood whose deviation is divided by.
 WINDOW_PX = 31  # Side of a window; holds some 25 of a D415's dots, 5 of a D435's.
 STRIDE_PX = 16
 _FAINTEST = 1e-4  # Of the image's largest value: a deviation below is rounding, not contrast.
 
 
 def high_passed(image: NDArray) -> Array:
-    """Subtract a smoothed image (sigma 6 px) and divide by the local deviation (sigma 10 px).
+    """Subtract the local mean and divide by the local deviation (see `calibration.detail`).
 
     Gain and slow shading drop out, and to 1e-3 an offset; where nothing varies the result is 0.
 
@@ -39,10 +38,10 @@ def high_passed(image: NDArray) -> Array:
             f"{np.count_nonzero(~np.isfinite(image))} pixels that are not",
             "Fill them and leave them out of `usable`.",
         )
-    detail = image - cv2.GaussianBlur(image, (0, 0), SMOOTH_PX)
-    energy = cv2.GaussianBlur(detail * detail, (0, 0), DEVIATION_PX)
+    varying = detail.high_passed(image)
+    energy = detail.variance(varying)
     floor = _FAINTEST * float(np.abs(image).max(initial=0.0)) + np.finfo(np.float32).tiny
-    return np.asarray(detail / np.sqrt(energy + np.float32(floor) ** 2 + 1e-30), np.float32)
+    return np.asarray(varying / np.sqrt(energy + np.float32(floor) ** 2 + 1e-30), np.float32)
 
 
 def local_ncc(first: NDArray, second: NDArray, usable: NDArray[np.bool_]) -> Array:

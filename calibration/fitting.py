@@ -74,9 +74,12 @@ def fit(
     inside = [scene for scene in scenes if scene.room not in outside]
     rooms = tuple(dict.fromkeys(scene.room for scene in inside))
     with clock.stage("load"):
-        loaded = tell(inside, "load")
-        observations = observation.load_all(loaded, sensor)
-        warnings = checks.check(observations, sensor)
+        seen = observation.read_all(tell(inside, "read"))
+        warnings = checks.check(seen, sensor)  # Before the surfaces, which take longer.
+        observations = tuple(
+            observation.with_surface(one, scene, sensor)
+            for one, scene in zip(seen, tell(inside, "surfaces"), strict=True)
+        )
     if all(one.left is None for one in observations):
         return _from_depth(observations, sensor, free, warnings, rooms, clock, tell)
     for group in free:
@@ -184,6 +187,7 @@ def _levels(
     free: Sequence[str],
 ) -> dict[str, Solution]:
     """Fit levels and noise, each scene lit at its own pattern scale."""
+    from calibration.photometry.exposure_level import fit_exposure_level
     from calibration.photometry.noise import fit_noise
     from calibration.photometry.photometry_fit import PARAMETERS, fit_photometry
 
@@ -192,8 +196,12 @@ def _levels(
     exposures = {one.name: one.exposure for one in observations if one.exposure is not None}
     levels = fit_photometry(observations, sensor, layers=layers, exposures=exposures, free=asked)
     out = {PHOTOMETRY: levels.solution} if asked else {}
+    fitted = levels.solution.sensor
+    exposure = fit_exposure_level(observations, fitted) if asked else None
+    if exposure is not None:
+        out["exposure"], fitted = exposure, exposure.sensor
     if NOISE in free:
-        out[NOISE] = fit_noise(observations, levels.predictions, levels.solution.sensor)
+        out[NOISE] = fit_noise(observations, levels.predictions, fitted)
     return out
 
 
@@ -203,7 +211,6 @@ def _layers(
     if recovered is None:
         return {}
     from sim import render
-    from sim.stage import Stage
 
     out = {}
     for one in observations:
@@ -211,9 +218,7 @@ def _layers(
             continue
         scale = recovered.fitted.model.scales[one.name]
         light = dataclasses.replace(sensor.projector, pattern_scale=scale)
-        out[one.name] = render.layers(
-            Stage(one.scene), dataclasses.replace(sensor, projector=light)
-        )
+        out[one.name] = render.layers(one.stage, dataclasses.replace(sensor, projector=light))
     return out
 
 

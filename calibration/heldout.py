@@ -65,14 +65,11 @@ def score(
             "less",
             "Hold out another one.",
         )
-    from sim.stage import Stage
-
     real: dict[Side, Array] = {"left": observation.left}
     if observation.right is not None:
         real["right"] = observation.right
-    stage = Stage(observation.scene)
-    simulated, depth = simulate(stage, sensor, scale)
-    control = simulate(stage, mirrored, scale)[0] if mirrored else {}
+    simulated, depth = simulate(observation.stage, sensor, scale)
+    control = simulate(observation.stage, mirrored, scale)[0] if mirrored else {}
     usable = {side: _usable(observation, sensor, side, depth[side]) for side in real}
     high = {side: correlation.high_passed(image) for side, image in real.items()}
 

@@ -51,6 +51,7 @@ TABLE = (
     _row("scene.ambient.irradiance_w_m2", "photometry", "W m^-2", 1.0),
     _row("left.black_level_dn", "photometry", "DN", 4.0),
     _row("left.lens.vignetting", "photometry", "1", 2.0),
+    _row("left.auto_exposure_level", "photometry", "1", 0.05),
     _row("left.full_well_e", "noise", "e", 5e3),
     _row("left.read_noise_e", "noise", "e", 5.0),
     _row("left.smoothing_px", "noise", "px", 0.5),

@@ -31,7 +31,9 @@ class Solution:
     estimates: tuple[Estimate, ...]
     covariance: NDArray[np.float64]  # (n, n) of the estimates, in their order and units.
     undetermined: tuple[str, ...]  # One sentence each: what cannot be told, and what would tell it.
-    cost: tuple[float, ...]  # Weighted mean squared residual after each step; 1 is noise alone.
+    # Mean squared residual at each step, robust where the fit is. Of patterns and levels 1 is the
+    # sensor's noise alone; of geometry, whose residuals set their own deviations, the last is 1.
+    cost: tuple[float, ...]
     sensor: Sensor  # With the estimates set.
     # Combinations that may be determined where their parts are not: f b, for one.
     derived: tuple[Estimate, ...] = ()

@@ -9,6 +9,10 @@ so that reflectance, ambient light, gain, black level and falloff, none of which
 of what is left: how the dots lie and how they are shaped. Residual and derivatives are
 projected onto what the tile's basis cannot explain.
 
+`calibration.photometry.tiles` eliminates less, a reflectance that several images share, and from
+products of columns; here each image's strengths are its own, and a pixel that fits badly must be
+seen to count less.
+
 Sources: Golub and Pereyra, SIAM J. Numer. Anal. 10(2), 1973 (variable projection); Kaufman, BIT 15,
 1975 (the derivative without its second term, which is small where residuals are).
 """

@@ -29,6 +29,7 @@ def lattice(
     power_spread: float = 0.2,
     background: float = 0.3,
     seed: int = 0,
+    stream: int = 0,
 ) -> Pattern:
     """A cluster of emitters repeated over a square grid, once per projector unit.
 
@@ -36,7 +37,7 @@ def lattice(
     against each other beat: rosettes of concentric rings, `pitch / (2 sin(twist / 2))` apart,
     dots coinciding (bright) in their middle. That is what a D415 shows; its maker names two
     Heptagon units. Real units also sit some millimetres apart, so that their beat drifts with
-    depth; one image cannot hold that: project `units=1` patterns from two places to have it.
+    depth; one image cannot hold that: project `units=1` patterns of two streams from two places.
 
     At the defaults, seed 0: 9547 dots, 3.7 per square degree (4.0 on the axis), of which 3.3
     are separate at their own width, and about 2.9 behind an imager's blur.
@@ -54,10 +55,12 @@ def lattice(
         jitter_mrad: Standard deviation of every dot's own displacement [mrad].
         fwhm_mrad: Spot width [mrad]. Measured 3.8 in the images, less an assumed 1.7 px of
             imager blur at a focal length of 896 px.
-        power_spread: Standard deviation / mean of the emitters' dot powers. Assumed.
+        power_spread: Standard deviation / mean of the dots' powers. Assumed.
         background: Share of light not in dots. Measured with the projector on and off on one
             D415 scene (fifth percentile over mean 0.31), the scene's indirect light included.
         seed: Fixes cluster, grid offsets, jitter and powers.
+        stream: Which of a seed's independent draws these are, 0 to 15. Two lattices of one draw
+            have one offset from the axis, so that a rosette's middle would stand there always.
 
     Raises:
         InputError: if a parameter is out of range.
@@ -66,6 +69,7 @@ def lattice(
     check_width(fwhm_mrad, field.shape(width_px), field)
     units = whole("units", units, 1, 4, "Give the number of projector units.")
     emitters = whole("emitters", emitters, 1, 64, "Give the number of emitters in a cluster.")
+    stream = whole("stream", stream, 0, 15, "Give the number of one of a seed's draws.")
     in_interval("pitch_mrad", pitch_mrad, 2.0, 200.0, "Give the grid pitch in mrad.")
     in_interval("cluster_mrad", cluster_mrad, 0.0, 200.0, "Give the cluster's side in mrad.")
     in_interval("jitter_mrad", jitter_mrad, 0.0, 50.0, "Give a standard deviation in mrad.")
@@ -74,7 +78,7 @@ def lattice(
     # At most: a step in direction cosine is the wider an angle the further off the axis.
     cells = math.ceil(math.radians(1) ** 2 * field.solid_angle_deg2 / (pitch_mrad * 1e-3) ** 2)
     check_count(cells * units * emitters, "Raise pitch_mrad, or lower units or emitters.")
-    rng = generator(seed)
+    rng = generator(seed).spawn(stream)[-1] if stream else generator(seed)
     x, y = [], []
     for unit in range(units):
         angle = math.radians(rotation_deg + unit * twist_deg)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,9 +10,11 @@ from typing import Any
 
 import numpy as np
 import tomli_w
+from numpy.typing import NDArray
 
 from patterns import errors
-from sim import structure
+from sim import structure, toml_file
+from sim.depth import disparity_from_depth
 from sim.pinhole import Pinhole
 from sim.sensor import Sensor
 
@@ -66,6 +67,10 @@ class CaptureInfo:
         """f b [px m]: disparity [px] times depth [m]."""
         return self.fx_px * self.baseline_m
 
+    def disparity_px(self, depth_m: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Disparity [px] that depth [m] in the left view means, any shape; NaN where unknown."""
+        return disparity_from_depth(depth_m, focal_px=self.fx_px, baseline_m=self.baseline_m)
+
     def geometry_into(self, sensor: Sensor) -> Sensor:
         """Give a sensor the image size, intrinsics and baseline of these captures."""
         changes: dict[str, Any] = dataclasses.asdict(Pinhole.of(self))
@@ -83,16 +88,7 @@ def read(path: Path) -> CaptureInfo:
         InputError: if it is missing or no TOML, lacks a key (intrinsics!), or holds a value that
             cannot be. Keys unknown here are kept in `extra`.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise errors.refuse(FILE, "must be readable", path, f"{error.strerror}.") from error
-    except (ValueError, RecursionError) as error:
-        raise errors.refuse(FILE, "must be TOML", path, f"{error}.") from error
-    try:
-        return from_table(table)
-    except errors.InputError as error:
-        raise errors.InputError(f"{path}: {error}") from error
+    return toml_file.read(path, from_table)
 
 
 def from_table(table: Mapping[str, Any]) -> CaptureInfo:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from patterns import errors
 from sim import metrics, progress
 from sim.capture import CapturedScene, CaptureSet, Frame
-from sim.depth import disparity_from_depth
 from sim.dots import dot_contrast
 
 
@@ -34,10 +33,7 @@ class _Reading:
         return self._disparity(self.truth_m)
 
     def _disparity(self, depth_m: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
-        if depth_m is None:
-            return None
-        info = self.scene.info
-        return disparity_from_depth(depth_m, focal_px=info.fx_px, baseline_m=info.baseline_m)
+        return None if depth_m is None else self.scene.info.disparity_px(depth_m)
 
 
 def compare(

@@ -1,4 +1,4 @@
-"""From disparity to depth with a reason for every missing pixel."""
+"""Depth maps: disparity to depth and its 16-bit code, with a reason for every missing pixel."""
 
 from __future__ import annotations
 
@@ -9,11 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from patterns import errors
-from sim.reason import Reason, first_cause
-from sim.sensor import Sensor
 
-if TYPE_CHECKING:  # Loads compilers.
-    from sim.matching.disparity import DisparityMap
+if TYPE_CHECKING:  # Loads a compiler.
     from sim.post.temporal import History
 
 
@@ -78,59 +75,3 @@ def from_code(code: NDArray[np.uint16], depth_unit_m: float) -> NDArray[np.float
     errors.positive("depth_unit_m", depth_unit_m)
     depth = code.astype(np.float32) * np.float32(depth_unit_m)
     return np.where(code > 0, depth, np.float32(np.nan))
-
-
-def _matched(ir_left: NDArray, ir_right: NDArray | None, sensor: Sensor) -> DisparityMap:
-    if sensor.kind == "structured_light":
-        from sim import reference
-
-        return reference.matched(ir_left, sensor)
-    if ir_right is None:
-        raise errors.refuse(
-            "ir_right", "must be given", "None", "Only structured light matches one image."
-        )
-    from sim.matching import match, readable
-
-    bits = sensor.left.bit_depth
-    return match(readable(ir_left, bits), readable(ir_right, bits), sensor.matcher)
-
-
-def measure(
-    ir_left: NDArray,
-    ir_right: NDArray | None,
-    sensor: Sensor,
-    *,
-    causes: dict[Reason, NDArray[np.bool_]],
-    past: History | None = None,
-) -> DepthMap:
-    """Match an infrared pair, triangulate and post-process.
-
-    Args:
-        ir_left: (h, w) uint8, or uint16 of as many bits as the sensor's left imager has.
-        ir_right: likewise, rectified; None for structured light, which has a stored reference.
-        sensor: its matcher, geometry and post-processing.
-        causes: masks (h, w) of what else is known to keep a pixel from having depth. They name
-            the reason where there is none; they remove nothing.
-        past: `history` of the depth map before, which the temporal filter goes on from.
-
-    Raises:
-        InputError: if the pair cannot be matched or `past` is of another size.
-    """
-    from sim.post import chain  # Loads a compiler, like all that matches.
-
-    found = _matched(ir_left, ir_right, sensor)
-    own = {Reason(code): found.reason == code for code in np.unique(found.reason) if code}
-    # What is known of the scene goes before what the matcher supposes of it.
-    reason = first_cause(found.valid, own | causes)
-    unexplained = reason == Reason.UNKNOWN
-    reason[unexplained] = found.reason[unexplained]
-    disparity = np.where(found.valid, found.disparity_px, np.float32(np.nan))
-    raw = DepthMap(
-        disparity_px=disparity,
-        depth_m=depth_from_disparity(
-            disparity, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
-        ),
-        valid=found.valid,
-        reason=reason,
-    )
-    return chain.process(raw, sensor, causes=causes, past=past)

@@ -105,15 +105,14 @@ def _traced(
 def _plugged(
     stage: Stage, sensor: Sensor, irradiances: list[Image], samples: int, seed: int
 ) -> list[Image]:
-    """The imagers' views by Mitsuba's path tracer, of a single emitter (see `render_scalar`)."""
-    (irradiance,) = irradiances
+    """The imagers' views by Mitsuba's path tracer."""
     images = []
     for number, pose in enumerate(_poses(stage, sensor).values()):
         sampled = paths_scalar.radiance(
             stage,
             sensor,
             pose,
-            irradiance,
+            irradiances,
             shrink=_SHRINK,
             samples=samples,
             seed=(2 * seed + number) % 2**31,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from patterns import errors
-from sim import capture, capture_writer, depth, metrics, progress
+from sim import capture, capture_writer, depth, measurement, metrics, progress
 from sim.capture import CapturedScene
 from sim.output import OutputFolder, refuse_own_input
 from sim.parts.post import refuse_single_frame
@@ -84,7 +84,7 @@ def _match(scene: CapturedScene, sensor: Sensor) -> depth.DepthMap:
             scene.path,
             "Matching needs an infrared pair.",
         )
-    return depth.measure(frame.ir_left, frame.ir_right, sensor, causes={})
+    return measurement.measure(frame.ir_left, frame.ir_right, sensor, causes={})
 
 
 def _figures(scene: CapturedScene, ours: depth.DepthMap) -> dict[str, dict[str, float | None]]:
@@ -123,10 +123,7 @@ def _compare(
 
 
 def _disparity(scene: CapturedScene, depth_m: _Map | None) -> _Map | None:
-    if depth_m is None:
-        return None
-    info = scene.info
-    return depth.disparity_from_depth(depth_m, focal_px=info.fx_px, baseline_m=info.baseline_m)
+    return None if depth_m is None else scene.info.disparity_px(depth_m)
 
 
 def _medians(figures: dict[str, Any]) -> dict[str, dict[str, float | None]]:
@@ -145,8 +142,15 @@ def _median(values: list[float | None]) -> float | None:
 
 def _write(folder: OutputFolder, scene: CapturedScene, found: depth.DepthMap) -> None:
     """Write our depth in the captures' own unit; the infrared images stay where they are."""
+    from sim.scenes import known
+
     unit = scene.info.depth_unit_m
     capture_writer.write_scene(
-        folder, scene.name, room=scene.room, truth_m=scene.truth_m(), depth_unit_m=unit
+        folder,
+        scene.name,
+        room=scene.room,
+        truth_m=scene.truth_m(),
+        depth_unit_m=unit,
+        known=known.carried(scene, folder.path / scene.name),
     )
     capture_writer.write_frame(folder, scene.name, 0, depth=found, depth_unit_m=unit)

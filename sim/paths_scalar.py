@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from sim import backend, plugin_scene
@@ -16,7 +18,7 @@ def radiance(
     stage: Stage,
     sensor: Sensor,
     world_from_camera: Pose,
-    irradiance: Image,
+    irradiances: Sequence[Image],
     *,
     shrink: int,
     samples: int,
@@ -28,21 +30,29 @@ def radiance(
         stage: the scene.
         sensor: with square pixels.
         world_from_camera: pose of one imager.
-        irradiance: (h, w) of 1 W on the plane at unit distance over the projector's field.
+        irradiances: (h, w) of 1 W on the plane at unit distance over the projector's field, of
+            each of its emitters.
         shrink: the image is smaller than the sensor's by this factor.
         samples: paths a pixel.
         seed: of the sampler.
     """
     mi = backend.mitsuba()
-    lit = plugin_scene.lit(stage, sensor, irradiance)
     sampler = {"type": "independent", "sample_count": samples}
     camera = plugin_scene.camera(sensor, world_from_camera, sampler=sampler, shrink=shrink)
-    images = []
-    for depth in (-1, 2):  # Equal seeds: the direct light is the same bits in both.
-        integrator = mi.load_dict({"type": "path", "max_depth": depth, "hide_emitters": True})
-        image = mi.render(lit, sensor=camera, integrator=integrator, spp=samples, seed=seed)
-        images.append(np.array(image)[..., 0].astype(np.float32))
-    return np.maximum(images[0] - images[1], 0)
+    every, direct = (
+        mi.load_dict({"type": "path", "max_depth": depth, "hide_emitters": True})
+        for depth in (-1, 2)
+    )
+    total = np.float32(0)
+    for number, irradiance in enumerate(irradiances):
+        lit = plugin_scene.lit(stage, sensor, irradiance, number)
+        # Equal seeds: the direct light is the same bits in both.
+        one, other = (
+            np.array(mi.render(lit, sensor=camera, integrator=each, spp=samples, seed=seed))
+            for each in (every, direct)
+        )
+        total = total + np.maximum(one[..., 0] - other[..., 0], 0).astype(np.float32)
+    return np.asarray(total, np.float32)
 
 
 def surfaces(stage: Stage, sensor: Sensor, world_from_camera: Pose, *, shrink: int) -> Surfaces:

@@ -18,19 +18,22 @@ from sim.stage import Stage
 _SQUARE = 2e-3  # How far from square a sensor's pixels may be.
 
 
-def lit(stage: Stage, sensor: Sensor, irradiance: Image) -> Any:
-    """The stage's shapes with the projector as an emitter (a Mitsuba scene).
+def lit(stage: Stage, sensor: Sensor, irradiance: Image, number: int = 0) -> Any:
+    """The stage's shapes lit by one of the projector's emitters (a Mitsuba scene).
 
     Mitsuba's `projector` makes radiance rho, not rho / pi, of irradiance 1: hence the pi.
 
     Args:
         stage: the shapes.
-        sensor: whose projector poses the emitter.
+        sensor: whose projector it is.
         irradiance: (h, w) on the plane at unit distance over its field [W m^-2].
+        number: of the emitter, which poses the light.
     """
     mi = backend.mitsuba()
     part = sensor.projector
+    one = projector.emitters(part)[number]
     place = frames.pose(part.position_m, part.rotation_deg)
+    place = place @ frames.pose(one.offset_m, one.rotation_deg)
     half_x, half_y = projector.half_tangents(part)
     columns = irradiance.shape[1]
     # The plugin's vertical field follows from the texture's shape: its pixels have to be square.

@@ -15,7 +15,7 @@ from sim import backend, frames, plugin_scene, projector
 from sim.frames import Pose
 from sim.layers import Layers, Mask, Truth, View
 from sim.scene import Scene
-from sim.sensor import Sensor
+from sim.sensor import Projector, Sensor
 from sim.stage import Stage
 
 _AOVS = "p:position,n:sh_normal,a:albedo,i:shape_index"
@@ -30,7 +30,7 @@ def layers(stage: Stage, sensor: Sensor, *, subpixels: int) -> Layers:
     _refuse_own_rays(stage.scene, sensor)
     left = stage.scene.world_from_left
     right = frames.right_of(left, sensor.baseline_m)
-    lit = plugin_scene.lit(stage, sensor, projector.irradiance_at_unit_distance(sensor.projector))
+    lit = _lit(stage, sensor)
     seen_left, seen_right = (_Seen(stage, sensor, pose) for pose in (left, right))
     return Layers(
         left=_view(stage, sensor, lit, left, seen_left, subpixels),
@@ -45,7 +45,7 @@ def view(stage: Stage, sensor: Sensor, *, subpixels: int) -> View:
     """As `sim.render.view`, in any variant."""
     _refuse_own_rays(stage.scene, sensor)
     left = stage.scene.world_from_left
-    lit = plugin_scene.lit(stage, sensor, projector.irradiance_at_unit_distance(sensor.projector))
+    lit = _lit(stage, sensor)
     return _view(stage, sensor, lit, left, _Seen(stage, sensor, left), subpixels)
 
 
@@ -62,7 +62,6 @@ def _refuse_own_rays(scene: Scene, sensor: Sensor) -> None:
         "scene.sun.irradiance_w_m2": scene.sun.irradiance_w_m2 > 0,
         "scene.other_projector.power_w": scene.other_projector.power_w > 0,
         "projector.defocus_mrad_m": sensor.projector.defocus_mrad_m > 0,
-        "projector.emitters": len(sensor.projector.emitters) > 0,
         "projector.pattern_scale other than 1": sensor.projector.pattern_scale != 1,
     }
     named = next((name for name, needed in needs.items() if needed), None)
@@ -90,18 +89,33 @@ class _Seen:
         self.normal = np.where(facing[..., None], -normal, normal)
 
 
-def _view(stage: Stage, sensor: Sensor, lit: Any, pose: Pose, seen: _Seen, subpixels: int) -> View:
+def _lit(stage: Stage, sensor: Sensor) -> list[Any]:
+    """A scene for each emitter: of several in one scene Mitsuba's integrator draws at random."""
+    part = sensor.projector
+    return [
+        plugin_scene.lit(stage, sensor, projector.irradiance_at_unit_distance(part, number), number)
+        for number in range(len(projector.emitters(part)))
+    ]
+
+
+def _view(
+    stage: Stage, sensor: Sensor, lit: list[Any], pose: Pose, seen: _Seen, subpixels: int
+) -> View:
     mi = backend.mitsuba()
     integrator = plugin_scene.direct()
     camera = plugin_scene.camera(sensor, pose, sampler=plugin_scene.fixed(subpixels))
-    image = np.array(mi.render(lit, sensor=camera, integrator=integrator, spp=subpixels**2))
+    images = [
+        np.array(mi.render(scene, sensor=camera, integrator=integrator, spp=subpixels**2))
+        for scene in lit
+    ]
+    direct = np.sum([image[..., 0] for image in images], axis=0)
     ambient = stage.scene.ambient
     tilt = seen.normal @ np.asarray(ambient.up) * (2 / 3 * ambient.gradient)
     return View(
-        projector_direct=np.ascontiguousarray(image[..., 0], np.float32),
-        projector_indirect=np.zeros(image.shape[:2], np.float32),
+        projector_direct=np.ascontiguousarray(direct, np.float32),
+        projector_indirect=np.zeros(direct.shape, np.float32),
         ambient=np.where(seen.hit, seen.albedo / np.pi * (1 + tilt), 0).astype(np.float32),
-        other=np.zeros(image.shape[:2], np.float32),
+        other=np.zeros(direct.shape, np.float32),
         depth_m=np.where(seen.hit, _local(seen.point, pose)[..., 2], np.nan).astype(np.float32),
         body=seen.body,
     )
@@ -109,14 +123,10 @@ def _view(stage: Stage, sensor: Sensor, lit: Any, pose: Pose, seen: _Seen, subpi
 
 def _truth(stage: Stage, sensor: Sensor, seen: _Seen) -> Truth:
     left = stage.scene.world_from_left
-    part = sensor.projector
-    light = left @ frames.pose(part.position_m, part.rotation_deg)
-    local_left, local_light = _local(seen.point, left), _local(seen.point, light)
+    local_left = _local(seen.point, left)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slope = np.abs(local_light[..., :2] / local_light[..., 2:])
         column = sensor.fx_px * (local_left[..., 0] - sensor.baseline_m) / local_left[..., 2]
     column = column + sensor.cx_px
-    in_field = (slope <= projector.half_tangents(part)).all(axis=-1) & (local_light[..., 2] > 0)
     in_image = (column >= -0.5) & (column <= sensor.width - 0.5)
     right_eye = frames.right_of(left, sensor.baseline_m)[:3, 3]
     missing = np.float32(np.nan)
@@ -126,8 +136,22 @@ def _truth(stage: Stage, sensor: Sensor, seen: _Seen) -> Truth:
         normal=np.where(seen.hit[..., None], normal, missing),
         material=seen.body,
         right_sees=_clear(stage, right_eye, seen.point, seen.hit & in_image),
-        lit=_clear(stage, light[:3, 3], seen.point, seen.hit & in_field),
+        lit=_reached(stage, sensor.projector, left, seen),
     )
+
+
+def _reached(stage: Stage, part: Projector, left: Pose, seen: _Seen) -> Mask:
+    """Whether the light of any emitter gets to what the imager sees."""
+    reached = np.zeros(seen.hit.shape, bool)
+    for one in projector.emitters(part):
+        light = left @ frames.pose(part.position_m, part.rotation_deg)
+        light = light @ frames.pose(one.offset_m, one.rotation_deg)
+        local = _local(seen.point, light)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = np.abs(local[..., :2] / local[..., 2:])
+        in_field = (slope <= projector.half_tangents(part)).all(axis=-1) & (local[..., 2] > 0)
+        reached |= _clear(stage, light[:3, 3], seen.point, seen.hit & in_field & ~reached)
+    return reached
 
 
 def _local(point: NDArray[np.float64], world_from_part: Pose) -> NDArray[np.float64]:

@@ -14,7 +14,6 @@ from a known pose is not. Example of a file:
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ import numpy as np
 import tomli_w
 
 from patterns import errors
-from sim import structure
+from sim import structure, toml_file
 from sim.frames import Pose
 
 FILE = "scene.toml"
@@ -60,7 +59,7 @@ class SceneFile:
     materials: tuple[KnownMaterial, ...] = ()  # Of several for one body, the last holds.
 
     def __post_init__(self) -> None:
-        if not self.scene.strip():
+        if not self.scene.strip() or "\0" in self.scene:
             raise errors.refuse(
                 "scene", "must name a scene", repr(self.scene), "Give a builtin name or a file."
             )
@@ -79,16 +78,7 @@ def read(path: Path) -> SceneFile:
         InputError: if it is missing or no TOML, lacks a key, has an unknown one, or holds a value
             that cannot be: a pose that is not rigid, a reflectance outside [0, 1].
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise errors.refuse(FILE, "must be readable", path, f"{error.strerror}.") from error
-    except (ValueError, RecursionError) as error:
-        raise errors.refuse(FILE, "must be TOML", path, f"{error}.") from error
-    try:
-        return _from_table(table)
-    except errors.InputError as error:
-        raise errors.InputError(f"{path}: {error}") from error
+    return toml_file.read(path, _from_table)
 
 
 def dumps(file: SceneFile) -> str:

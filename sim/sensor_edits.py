@@ -25,8 +25,8 @@ def apply(sensor: Sensor, edits: Iterable[str]) -> Sensor:
             `matcher.setting` takes a stock setting by its name.
 
     Raises:
-        InputError: an edit that is no `PATH=VALUE`, an unknown path, a path to a whole table, or
-            a refused value.
+        InputError: an edit that is no `PATH=VALUE`, an unknown path, a path to a whole table,
+            a refused value, or a pattern where every emitter has its own.
 
     Example:
         >>> apply(sensors.load("d435"), ["projector.power_w=0.2"]).projector.power_w
@@ -39,7 +39,8 @@ def with_values(sensor: Sensor, values: Iterable[tuple[str, Any]]) -> Sensor:
     """Set fields in order, as `apply` does, by (path, value).
 
     Raises:
-        InputError: an unknown path, a path to a whole table, or a refused value.
+        InputError: an unknown path, a path to a whole table, a refused value, or a pattern where
+            every emitter has its own.
     """
     table, values = structure.to_table(sensor), list(values)
     for path, value in values:
@@ -51,10 +52,24 @@ def with_values(sensor: Sensor, values: Iterable[tuple[str, Any]]) -> Sensor:
         else:
             _set(table, path, value, typed=path)
     try:
-        return structure.from_table(Sensor, table)
+        edited = structure.from_table(Sensor, table)
     except errors.InputError as error:
         message = _as_typed(str(error), [path for path, _ in values])
         raise errors.InputError(message) from error
+    _refuse_hidden_pattern(edited, dict(values))
+    return edited
+
+
+def _refuse_hidden_pattern(sensor: Sensor, values: Mapping[str, Any]) -> None:
+    """Refuse a pattern that nothing would show: every emitter has one of its own."""
+    emitters = sensor.projector.emitters
+    if "projector.pattern" in values and emitters and all(one.pattern for one in emitters):
+        raise errors.refuse(
+            "projector.pattern",
+            "must not be set where every emitter has its own",
+            repr(values["projector.pattern"]),
+            "Set projector.emitters=[] too, or projector.emitters.0.pattern.",
+        )
 
 
 def _stock_matcher(name: Any) -> matcher.Matcher:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from patterns import errors
 from sim import exr, panels, sheet
 from sim.capture import CapturedScene, Frame
-from sim.depth import disparity_from_depth
 from sim.reason import Reason
 from sim.sheet import Panel
 
@@ -57,10 +56,7 @@ def _view(scene: CapturedScene, number: int) -> _View:
     frame, truth_m = scene.frame(number), scene.truth_m()
     error_px = None
     if frame.depth_m is not None and truth_m is not None:
-        found, true = (
-            disparity_from_depth(z, focal_px=scene.info.fx_px, baseline_m=scene.info.baseline_m)
-            for z in (frame.depth_m, truth_m)
-        )
+        found, true = (scene.info.disparity_px(z) for z in (frame.depth_m, truth_m))
         error_px = found - true
     return _View(
         heading=f"{scene.path.parent.name}/{scene.name}/{number}",

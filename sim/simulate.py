@@ -12,10 +12,11 @@ import numpy as np
 
 from patterns import errors
 from sim import imager, render
-from sim.depth import DepthMap, disparity_from_depth, measure
+from sim.depth import DepthMap, disparity_from_depth
 from sim.imager import Infrared
 from sim.layers import Image, Layers, Mask, Truth, View
 from sim.light.received import received
+from sim.measurement import measure
 from sim.optics import image as optics
 from sim.parts.post import refuse_single_frame
 from sim.post.temporal import History

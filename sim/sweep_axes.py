@@ -91,11 +91,14 @@ AXES: dict[str, Axis] = {
             sensor, [("projector.dot_density", value)]
         ),
         # An image has the dots it has.
-        usual=lambda sensor: (
-            (0.25, 0.5, 2.0, 4.0) if sensor.projector.pattern in projector.GENERATORS else ()
-        ),
+        usual=lambda sensor: (0.25, 0.5, 2.0, 4.0) if _is_drawn(sensor) else (),
     ),
 }
+
+
+def _is_drawn(sensor: Sensor) -> bool:
+    emitters = projector.emitters(sensor.projector)
+    return all(one.pattern in projector.GENERATORS for one in emitters)
 
 
 def chosen(base: Sensor, asked: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:

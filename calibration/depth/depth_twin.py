@@ -13,20 +13,18 @@ from calibration.observation import Observation
 from patterns import errors
 from sim import render, simulate
 from sim.capture_info import CaptureInfo
-from sim.depth import disparity_from_depth, from_code, measure, to_code
+from sim.depth import from_code, to_code
 from sim.layers import Layers
-from sim.scene import Ambient, Body, Material, Scene
-from sim.scenes import depth_mesh
+from sim.measurement import measure
+from sim.scene import Material
+from sim.scenes import depth_surface
 from sim.sensor import Sensor
 from sim.stage import Stage
 
 Array = NDArray[np.float32]
 
-_REFLECTANCE = 0.5  # Assumed all over: without infrared nobody knows it.
-_AMBIENT_W_M2 = 0.4  # As `sim.scenes.captured` assumes of lit rooms.
-_MARGIN_PX = 128  # Beyond the image, for what only the right imager sees.
-_PATCHED_PX = 8.0  # What continues from different places is joined up to this step.
-_NOISY_SURFACE = 0.01  # Shadow tolerance of surfaces measured with noise.
+# Without infrared nobody knows a surface's reflectance.
+_GREY = Material(name="assumed", reflectance=0.5)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -54,7 +52,7 @@ class DepthTwin:
         """Disparity (h, w) [px] that the sensor's depth codes mean, NaN = no depth."""
         depth_m = measure(pair.left, pair.right, sensor, causes={}).depth_m
         step_m = self.info.depth_unit_m
-        return _disparity(from_code(to_code(depth_m, step_m), step_m), self.info)
+        return self.info.disparity_px(from_code(to_code(depth_m, step_m), step_m))
 
     def reading(self, sensor: Sensor) -> Array:
         """Disparity (h, w) [px] that the sensor reads, NaN = no depth."""
@@ -95,8 +93,9 @@ def twin(observation: Observation, sensor: Sensor, *, seed: int = 0) -> DepthTwi
             "Save the device's depth, or calibrate from infrared.",
         )
     info, truth_m = observation.info, observation.truth_m
-    scene = observation.scene if observation.metric else None
-    if scene is None:
+    if observation.scene is not None and observation.metric:
+        stage = observation.stage
+    else:
         if truth_m is None:
             raise errors.refuse(
                 f"scene {observation.name}",
@@ -104,53 +103,16 @@ def twin(observation: Observation, sensor: Sensor, *, seed: int = 0) -> DepthTwi
                 "neither",
                 "Depth alone does not show how far off it is: capture a scene of known geometry.",
             )
-        scene = surface(_disparity(truth_m, info), info, observation.name)
-    stage = Stage(scene)
+        truth_px = info.disparity_px(truth_m)
+        stage = Stage(depth_surface.scene(observation.name, truth_px, info, _GREY))
     layers = render.layers(stage, sensor)
     return DepthTwin(
         name=observation.name,
         room=observation.room,
         info=info,
         seed=seed,
-        device_px=_disparity(observation.depth_m, info),
-        truth_px=_disparity(layers.truth.depth_m if truth_m is None else truth_m, info),
+        device_px=info.disparity_px(observation.depth_m),
+        truth_px=info.disparity_px(layers.truth.depth_m if truth_m is None else truth_m),
         stage=stage,
         layers=layers,
     )
-
-
-def surface(truth_px: Array, info: CaptureInfo, name: str) -> Scene:
-    """Turn reference depth into a scene of one grey: closed, smoothed, going on behind edges.
-
-    Args:
-        truth_px: disparity (h, w) [px] by the captures' own f b, NaN where unknown.
-        info: of the captures.
-        name: of the scene.
-    """
-    seen = depth_mesh.smoothed(depth_mesh.closed(truth_px))
-    wide = np.pad(seen, ((0, 0), (_MARGIN_PX, _MARGIN_PX)), mode="edge")
-    intrinsics = np.array(
-        [[info.fx_px, 0, info.cx_px + _MARGIN_PX], [0, info.fy_px, info.cy_px], [0, 0, 1]]
-    )
-    hidden, _ = depth_mesh.behind(wide)
-    grey = Material(name="assumed", reflectance=_REFLECTANCE)
-    parts = [("surface", wide, {}), ("surface behind", hidden, {"jump_px": _PATCHED_PX})]
-    bodies = tuple(
-        Body(
-            name=part,
-            mesh=depth_mesh.triangles(disparity, intrinsics, info.focal_baseline_px_m, **limit),
-            material=grey,
-        )
-        for part, disparity, limit in parts
-        if np.isfinite(disparity).any()
-    )
-    return Scene(
-        name=name,
-        bodies=bodies,
-        ambient=Ambient(irradiance_w_m2=_AMBIENT_W_M2, gradient=0.0),
-        shadow_tolerance=_NOISY_SURFACE,
-    )
-
-
-def _disparity(depth_m: Array, info: CaptureInfo) -> Array:
-    return disparity_from_depth(depth_m, focal_px=info.fx_px, baseline_m=info.baseline_m)

@@ -109,8 +109,6 @@ def views(observations: Iterable[Observation], sensor: Sensor) -> tuple[View, ..
     Raises:
         InputError: if there is none, or one lacks infrared images or a surface.
     """
-    from sim.stage import Stage
-
     found = []
     for seen in observations:
         if seen.scene is None or seen.left is None:
@@ -120,7 +118,7 @@ def views(observations: Iterable[Observation], sensor: Sensor) -> tuple[View, ..
                 "less",
                 "Leave it out, or fit what depth alone can tell.",
             )
-        stage = Stage(seen.scene)
+        stage = seen.stage
         reference = None if seen.metric else Pinhole.of(seen.info)
         pair: tuple[tuple[differentiable.Side, Array | None, Imager], ...] = (
             ("left", seen.left, sensor.left),

@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.pattern.image_recovery import imager_blur_px
 from calibration.pattern.lattice import Lattice
-from calibration.pattern.recovery import Recovered, imager_blur_px
+from calibration.pattern.recovery import Recovered
 from calibration.pattern.unprojected import PatternImage
 from sim import projector as light
 from sim.sensor import Sensor

@@ -112,7 +112,7 @@ def place_partials(there: Directions) -> Array:
     u = there.unit
     local = -(np.eye(3, dtype=np.float32)[None, :, :2] - u[:, :, None] * u[:, None, :2])
     local /= (there.range_m * there.scale)[:, None, None]
-    return np.einsum("ij,njk->ink", there.axes.astype(np.float32), local)
+    return np.tensordot(there.axes.astype(np.float32), local, axes=(1, 1))
 
 
 def turn_partials(there: Directions) -> Array:

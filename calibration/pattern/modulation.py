@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
+from calibration import detail
+from calibration.detail import high_passed
 from calibration.pattern.views import Array, View
 
-NEIGHBOURHOOD_PX = 6.0  # Sigma of the mean that is subtracted.
-DEVIATION_PX = 10.0  # Sigma over which the deviation is taken.
 _LEAST_DEVIATION_DN = 0.5  # Half a code: less is the converter's own steps.
 _STEP_DN2 = 1 / 12  # Variance of rounding to whole codes.
 _MOST_WEIGHT = 50.0  # A strong pattern is limited by texture and model, not by noise.
@@ -28,11 +27,6 @@ class Modulation(NamedTuple):
     weight: Array  # (h, w), over the variance of its noise; 0 where not usable.
 
 
-def high_passed(image: Array) -> Array:
-    """Subtract the neighbourhood's mean (h, w)."""
-    return image - cv2.GaussianBlur(image, (0, 0), NEIGHBOURHOOD_PX)
-
-
 def of(view: View, *, dn_per_electron: float, black_level_dn: float) -> Modulation:
     """Take reflectance and level out of a view.
 
@@ -42,8 +36,8 @@ def of(view: View, *, dn_per_electron: float, black_level_dn: float) -> Modulati
         black_level_dn: of the image.
     """
     varying = high_passed(view.level_dn)
-    deviation = np.sqrt(cv2.GaussianBlur(varying**2, (0, 0), DEVIATION_PX))
-    above = cv2.GaussianBlur(view.level_dn, (0, 0), NEIGHBOURHOOD_PX) - np.float32(black_level_dn)
+    deviation = np.sqrt(detail.variance(varying))
+    above = detail.mean(view.level_dn) - np.float32(black_level_dn)
     noise = _STEP_DN2 + np.float32(dn_per_electron) * np.maximum(above, 0)
     weight = np.minimum(deviation**2 / noise, _MOST_WEIGHT)
     return Modulation(

@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
-from calibration.pattern import emitter_model, tile_equations
+from calibration.pattern import emitter_model, room_equations, tile_equations
 from calibration.pattern.emission import Seen
 from calibration.pattern.emitter_model import Model
 from calibration.pattern.tile_equations import Normal
@@ -28,9 +27,7 @@ _FIRST_EVERY_PX = 4
 _EVERY_PX = 2
 _TILE_PX = 32  # Of the image: some ten dots.
 _SETTLED = 0.5  # Steps below this share of every standard deviation end the fit.
-_FINE_STEPS = 4  # At most, after the coarse ones.
-_LEAST_ROOMS = 3  # Fewer say nothing of how rooms differ.
-_QUANTILE = 0.95  # At which Student's and the normal distribution are made alike.
+_FINE_STEPS = 4  # The last ones.
 _ROUNDING = 1 / 12  # Variance of whole codes [DN^2].
 
 
@@ -40,8 +37,9 @@ class Fitted:
 
     model: Model
     covariance: NDArray[np.float64]  # (n, n) of `model.names`.
-    cost: tuple[float, ...]  # Weighted mean squared residual before each step.
+    cost: tuple[float, ...]  # Robust mean squared residual before each step; 1 is noise alone.
     shares: NDArray[np.float64]  # (k,) of the emitters' light: their strengths' medians, sum 1.
+    rooms: int = 1  # That the captures are of; from three on their differences are in `covariance`.
 
     def sd(self, name: str) -> float:
         """Standard deviation of one parameter."""
@@ -66,7 +64,7 @@ def fit(
     sensor: Sensor,
     model: Model,
     *,
-    steps: int = 8,
+    steps: int = 12,
     only: Sequence[str] = (),
 ) -> Fitted:
     """Fit a model by Gauss-Newton steps with the tiles' levels and strengths eliminated.
@@ -75,7 +73,7 @@ def fit(
         views: of scenes that `model.scales` names.
         sensor: of the captures: noise, focal length.
         model: where to start; lattices within a quarter of their pitch.
-        steps: at most, on few pixels; then up to four on all that count.
+        steps: at most, in all: those before the last four are taken on fewer pixels.
         only: names of what is freed; everything where none is named.
 
     Returns:
@@ -84,9 +82,14 @@ def fit(
         which holds when references are off by room.
     """
     held = np.array([bool(only) and name not in only for name in model.names])
-    coarse = _settled(_samples(views, sensor, _FIRST_EVERY_PX), model, held, steps)
-    fine = _settled(_samples(views, sensor, _EVERY_PX), coarse.model, held, _FINE_STEPS)
-    return replace(fine, cost=(*coarse.cost, *fine.cost))
+    fine_steps = min(steps, _FINE_STEPS)
+    costs: tuple[float, ...] = ()
+    if steps > fine_steps:
+        coarse = _samples(views, sensor, _FIRST_EVERY_PX)
+        found = _settled(coarse, model, held, steps - fine_steps)
+        model, costs = found.model, found.cost
+    fine = _settled(_samples(views, sensor, _EVERY_PX), model, held, fine_steps)
+    return replace(fine, cost=(*costs, *fine.cost))
 
 
 def _settled(
@@ -95,15 +98,12 @@ def _settled(
     """Step until steps are small, at most so often."""
     costs: list[float] = []
     while True:
-        normals = _normals(sampled, model)
-        normal = tile_equations.total(list(normals.values()))
-        costs.append(normal.squares / max(normal.count, 1))
-        gauge = np.zeros_like(normal.matrix) if held.any() else _gauge(normal, model)
-        matrix, right_side = _solvable(normal.matrix + gauge, normal.right_side, held)
-        off = np.array([model.scales.get(emitter_model.scene_of(n), 1) - 1 for n in model.names])
-        inverse = np.linalg.inv(matrix)
-        step = inverse @ (right_side - gauge @ off)
-        covariance = _covariance(normals, gauge, held)
+        rooms = _normals(sampled, model)
+        normal = tile_equations.total(list(rooms.values()))
+        costs.append(normal.misfit / max(normal.freedom, 1))
+        step = room_equations.step(rooms, model, held)
+        by_room = room_equations.jackknife(room_equations.moves(rooms, model, held))
+        covariance = room_equations.widened_to(room_equations.by_tile(rooms, model, held), by_room)
         model = emitter_model.moved(model, step)
         small = np.abs(step) <= _SETTLED * np.sqrt(np.diagonal(covariance)) + 1e-12
         if small.all() or len(costs) == steps:
@@ -114,6 +114,7 @@ def _settled(
         covariance=covariance,
         cost=tuple(costs),
         shares=strengths / max(strengths.sum(), 1e-12),
+        rooms=len(rooms),
     )
 
 
@@ -177,49 +178,3 @@ def _normal_of(one: _Sampled, model: Model) -> Normal:
     lights = np.stack([light.light.reshape(shape) for light in laid])
     normal = tile_equations.of(one.level, one.weight, lights, columns, tile_px=one.tile_px)
     return tile_equations.widened(normal, [names.index(name) for name in used], len(names))
-
-
-def _gauge(normal: Normal, model: Model) -> NDArray[np.float64]:
-    """Weight (n, n) that holds the scenes' mean scale at 1: the pattern's own trades with it."""
-    scales = [emitter_model.of_scene(scene) for scene in model.scales]
-    among = np.array([name in scales for name in model.names], np.float64)
-    stiff = 1e3 * np.diagonal(normal.matrix)[among > 0].max(initial=1.0)
-    return stiff * np.outer(among, among)
-
-
-def _solvable(
-    matrix: NDArray[np.float64], right_side: NDArray[np.float64], held: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Leave where it is what is held, and what no view tells."""
-    silent = held | (np.diagonal(matrix) == 0)
-    matrix, right_side = matrix.copy(), np.where(silent, 0.0, right_side)
-    matrix[silent], matrix[:, silent] = 0.0, 0.0
-    matrix[silent, silent] = 1.0
-    return matrix, right_side
-
-
-def _covariance(
-    normals: dict[str, Normal], gauge: NDArray[np.float64], held: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    normal = tile_equations.total(list(normals.values()))
-    matrix, _ = _solvable(normal.matrix + gauge, normal.right_side, held)
-    inverse = np.linalg.inv(matrix)
-    scores = np.where(held, 0.0, normal.scores)
-    by_tile = inverse @ (scores.T @ scores) @ inverse
-    if len(normals) < _LEAST_ROOMS:
-        return by_tile
-    moves = []
-    for part in normals.values():  # One step towards the fit without each room.
-        others = normal.matrix - part.matrix + gauge
-        left, side = _solvable(others, normal.right_side - part.right_side, held)
-        own = np.diagonal(part.matrix) > 0
-        alone = own & (np.diagonal(normal.matrix - part.matrix) <= 0)
-        left, side = _solvable(left, side, held | alone)
-        moves.append(np.linalg.solve(left, side))
-    count = len(moves)
-    spread = np.array(moves) - np.mean(moves, axis=0)
-    # Few rooms say little of how rooms differ: Student's intervals are the wider for it.
-    student = stats.t.ppf(_QUANTILE, count - 1) / stats.norm.ppf(_QUANTILE)
-    by_room = student**2 * (count - 1) / count * spread.T @ spread
-    larger = np.sqrt(np.maximum(np.diagonal(by_room) / np.diagonal(by_tile).clip(1e-300), 1.0))
-    return by_tile * np.outer(larger, larger)

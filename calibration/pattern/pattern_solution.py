@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.pattern import emission, emitter_model, pattern_sensor
+from calibration.pattern import emission, emitter_model, pattern_sensor, room_equations
 from calibration.pattern.emission import Alignment
 from calibration.pattern.lattice import Lattice
 from calibration.pattern.recovery import Recovered
@@ -24,6 +24,16 @@ GAUGE_OPEN = (
 TURN_OPEN = (
     "projector.rotation_deg cannot be told from a pattern that is an image: it turns with it."
 )
+
+
+def rooms_open(count: int) -> str:
+    """Say what too few rooms leave out of every deviation of a pattern's fit."""
+    seen = "1 room says" if count == 1 else f"{count} rooms say"
+    return (
+        f"How far references differ from room to room is in no deviation of the pattern's fit, of "
+        f"which {seen} nothing, and deviations may be several times too small: capture "
+        f"{room_equations.LEAST_ROOMS} rooms or more."
+    )
 
 
 def solution(recovered: Recovered, sensor: Sensor, *, metric: bool) -> Solution:
@@ -51,6 +61,7 @@ def solution(recovered: Recovered, sensor: Sensor, *, metric: bool) -> Solution:
             *(() if metric else (SCALE_OPEN,)),
             GAUGE_OPEN,
             *(() if recovered.lattices else (TURN_OPEN,)),
+            *((rooms_open(fitted.rooms),) if fitted.rooms < room_equations.LEAST_ROOMS else ()),
         ),
         cost=fitted.cost,
         sensor=pattern_sensor.aligned(sensor, fitted.model),

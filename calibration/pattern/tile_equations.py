@@ -17,6 +17,7 @@ from calibration import variable_projection
 from calibration.variable_projection import Array
 
 _ROBUST = 3.0  # Residuals above this many deviations count less (Cauchy).
+_OF_NOISE = 0.8741  # Mean of c^2 log(1 + x^2 / c^2), c = 3, of noise x of unit deviation.
 _ROUNDS = 2  # Of weights and strengths.
 
 
@@ -27,8 +28,8 @@ class Normal:
     matrix: NDArray[np.float64]  # (n, n)
     right_side: NDArray[np.float64]  # (n,)
     scores: NDArray[np.float64]  # (tiles, n) each tile's share of `right_side`.
-    squares: float  # Weighted sum of squared residuals.
-    count: int  # Pixels that count.
+    misfit: float  # Robust sum of squared residuals; of noise alone it is `freedom`.
+    freedom: int  # Pixels that count, less what was fitted to them.
     strengths: NDArray[np.float64]  # (tiles, k) of the templates; NaN where a tile does not count.
 
 
@@ -55,8 +56,8 @@ def of(image: Array, weight: Array, templates: Array, columns: Array, *, tile_px
         matrix=(flat.T @ flat).astype(np.float64),
         right_side=scores.sum(axis=0),
         scores=scores,
-        squares=float((fitted.residual.astype(np.float64) ** 2).sum()),
-        count=fitted.pixels,
+        misfit=misfit(fitted.unweighed(weight)),
+        freedom=fitted.freedom,
         strengths=np.where(fitted.used[:, None], fitted.amplitude, np.nan).astype(np.float64),
     )
 
@@ -67,10 +68,19 @@ def total(parts: Sequence[Normal]) -> Normal:
         matrix=np.sum([part.matrix for part in parts], axis=0),
         right_side=np.sum([part.right_side for part in parts], axis=0),
         scores=np.concatenate([part.scores for part in parts]),
-        squares=sum(part.squares for part in parts),
-        count=sum(part.count for part in parts),
+        misfit=sum(part.misfit for part in parts),
+        freedom=sum(part.freedom for part in parts),
         strengths=np.concatenate([part.strengths for part in parts]),
     )
+
+
+def misfit(residual: NDArray) -> float:
+    """Robust sum of squares (Cauchy's cost) of residuals over their deviations.
+
+    Of normal noise alone it is the number of residuals; one far off adds by its logarithm.
+    """
+    squares = np.log1p((residual.astype(np.float64) / _ROBUST) ** 2)
+    return float(_ROBUST**2 / _OF_NOISE * squares.sum())
 
 
 def widened(normal: Normal, places: Sequence[int], count: int) -> Normal:

@@ -71,7 +71,7 @@ def solve(
     placed = [replace(one, cosines=grid.place(one.cosines)) for one in placed]
     information = np.zeros(grid.shape, np.float32)
     for _ in range(rounds):
-        placed = [replace(one, gain=_gain(one, value)) for one in placed]
+        placed = [with_gain(one, value) for one in placed]
         information = _information(placed, grid)
         value = _conjugate_gradients(placed, value, information, steps)
     looked = information > 0
@@ -89,7 +89,17 @@ def predicted(one: Placed, value: Array) -> Array:
     shape = one.modulation.value.shape
     out = np.zeros(shape[0] * shape[1], np.float32)
     cosine_image.read(value, one.cosines, out)
-    return high_passed(_blurred(out.reshape(shape), one.blur_px))
+    return shown(out.reshape(shape), one.blur_px)
+
+
+def shown(light: Array, blur_px: float) -> Array:
+    """Light as an imager shows it, mean taken off (h, w)."""
+    return high_passed(_blurred(light, blur_px))
+
+
+def with_gain(one: Placed, value: Array) -> Placed:
+    """Fit a view's local gain to a pattern; `cosines` are pixels of its grid."""
+    return replace(one, gain=_gain(one, value))
 
 
 def _blurred(image: Array, sigma_px: float) -> Array:

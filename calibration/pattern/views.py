@@ -46,7 +46,6 @@ def of(observation: Observation, sensor: Sensor) -> tuple[View, ...]:
         InputError: if infrared images or surface are missing.
     """
     from sim import render
-    from sim.stage import Stage
 
     if observation.scene is None or observation.left is None:
         raise errors.refuse(
@@ -55,7 +54,7 @@ def of(observation: Observation, sensor: Sensor) -> tuple[View, ...]:
             "less",
             "Fit what depth alone can tell by captures without infrared.",
         )
-    layers = render.layers(Stage(observation.scene), sensor, subpixels=1)
+    layers = render.layers(observation.stage, sensor, subpixels=1)
     views = [_view(observation, sensor, "left", observation.left, layers.left)]
     if observation.right is not None and layers.right is not None:
         views.append(_view(observation, sensor, "right", observation.right, layers.right))

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration import detail
 from calibration.observation import Observation
 from calibration.photometry import levels, tiles
 from calibration.photometry.levels import Levels, Side, part
@@ -18,7 +19,6 @@ from sim.imager.exposure import Exposure
 from sim.layers import Layers, Mask, View
 from sim.scene import Scene
 from sim.sensor import Sensor
-from sim.stage import Stage
 
 POWER = "projector.power_w"
 FALLOFF = "projector.falloff"
@@ -33,7 +33,6 @@ Array = NDArray[np.float32]
 _MATCHING = 0.3  # Least correlation of the image's dots with the model's.
 _MODEL_ERROR = 0.01  # Relative error of the model that no noise accounts for.
 _BLUR_STEP_PX = 0.05
-_SPOT_PX = 6.0  # Sigma of what is taken out before dots are compared.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -132,7 +131,7 @@ def images(
             continue
         rendered = layers.get(observation.name)
         if rendered is None:
-            rendered = render.layers(Stage(observation.scene), sensor)
+            rendered = render.layers(observation.stage, sensor)
         recorded = exposures.get(observation.name)
         fixed = Exposure(exposure_s=sensor.left.exposure_s, gain=sensor.left.gain)
         known = recorded is not None or sensor.left.auto_exposure_level == 0
@@ -192,7 +191,7 @@ def dots_match(images: Sequence[Image]) -> bool:
 
 def _high_passed(picture: Array) -> Array:
     """Picture over its local mean, less 1; so brightness does not count."""
-    mean = cv2.GaussianBlur(picture, (0, 0), _SPOT_PX)
+    mean = detail.mean(picture)
     sharp = cv2.GaussianBlur(picture, (0, 0), 1.0)
     return np.asarray(sharp / np.maximum(mean, 1e-12) - 1, np.float32)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from scipy import stats
 
 from calibration.observation import Observation
 from calibration.photometry.light_model import Prediction
+from calibration.photometry.photometry_open import EVEN
 from calibration.photometry.photon_transfer import fit_photon_transfer
 from calibration.photometry.speckle_contrast import SPECKLE, fit_speckle
 from calibration.result import Estimate, Solution
@@ -18,6 +20,7 @@ from sim.sensor import Sensor
 
 _PHOTON = ("left.full_well_e", "left.read_noise_e", "left.smoothing_px")
 _UNITS = ("electrons", "electrons", "px")
+_WIDEST_PX = 3.0  # Averaging, as far as neighbours tell.
 _BLOCK_PX = 8
 _QUIETEST = 0.1  # Share of the blocks of about one level that vary least.
 _NEAR = 0.3  # Share of the blocks whose level counts as the median.
@@ -55,6 +58,8 @@ def fit_noise(
             f"{', '.join(_PHOTON)} are open: noise cannot be told from texture in single "
             f"images{most}; capture a scene at rest twice or more."
         )
+    estimates, covariance, lost = _believed(estimates, covariance)
+    open_ += lost
     fitted = _both(sensor, estimates)
     grain = fit_speckle(predictions, fitted)
     if grain is None:
@@ -63,6 +68,11 @@ def fit_noise(
             "calibrate geometry and pattern first."
         )
     else:
+        if np.isinf(grain.sd):
+            open_.append(
+                f"{SPECKLE} is open: what the fit leaves over allows any contrast from 0 to 1; "
+                "capture an even wall that fills the image, with less ambient light."
+            )
         estimates.append(grain)
         covariance = np.pad(covariance, (0, 1))
         covariance[-1, -1] = grain.sd**2
@@ -74,6 +84,26 @@ def fit_noise(
         cost=(),
         sensor=fitted,
     )
+
+
+def _believed(
+    estimates: Sequence[Estimate], covariance: NDArray[np.float64]
+) -> tuple[list[Estimate], NDArray[np.float64], list[str]]:
+    """Leave open what is known less than by its range: a full well to its own size, averaging."""
+    spans = {"left.full_well_e": None, "left.smoothing_px": EVEN * _WIDEST_PX}
+    out, covariance, open_ = list(estimates), covariance.copy(), []
+    for i, one in enumerate(estimates):
+        span = spans.get(one.name, np.inf)
+        if not np.isfinite(one.sd) or one.sd <= (one.value if span is None else span):
+            continue
+        out[i] = replace(one, value=one.start, sd=np.inf)
+        covariance[i, :] = covariance[:, i] = 0.0
+        covariance[i, i] = np.inf
+        open_.append(
+            f"{one.name} is open: its deviation of {one.sd:.2g} {one.unit} is more than its range "
+            "leaves; capture a scene of many levels at rest, more often."
+        )
+    return out, covariance, open_
 
 
 def noise_bound_dn(prediction: Prediction) -> float:

@@ -9,17 +9,21 @@ from numpy.typing import NDArray
 
 from calibration.photometry.light_model import (
     BLUR,
+    FALLOFF,
     LEFT_BLACK,
     POWER,
     RIGHT_BLACK,
     VIGNETTING,
     Image,
+    ambient,
     black_name,
 )
 from calibration.result import Estimate
 
 _TOGETHER = 0.98  # Correlation from which two parameters are one.
 BLACK_DN = 1.0  # Deviation from which a black level is as good as unknown.
+EVEN = 12**-0.5  # Deviation of what may lie anywhere in a range, over the range.
+_RANGE = {VIGNETTING: 20.0, FALLOFF: 20.0, BLUR: 20.0}  # Highest value; the lowest is 0.
 _BELOW_DN = 1.0  # By which a black level may exceed the darkest pixels'.
 
 
@@ -69,6 +73,8 @@ def sentences(
             f"{', '.join(lost)} cannot be told from reflectance: capture with the emitter off too, "
             "or calibrate the pattern, so that dots tell."
         )
+    found += _background(estimates, images) if eliminate else []
+    found += _wide(estimates)
     found += _black(estimates, images)
     found += _pairs(estimates, covariance)
     return tuple(found)
@@ -90,6 +96,31 @@ def _power(images: Sequence[Image], power_w: float, *, eliminate: bool) -> str:
         f"{POWER} (gain, exposure) and reflectance cannot be told apart; {relative}: give "
         "reflectance; with the emitter off too the ratio no longer rests on the dots' shape."
     )
+
+
+def _background(estimates: Sequence[Estimate], images: Sequence[Image]) -> list[str]:
+    """Even light is even light, whose reflectance is free: the projector's, or the room's."""
+    dark = {image.scene for image in images if not image.on}
+    told = {estimate.name for estimate in estimates if np.isfinite(estimate.sd)}
+    names = [ambient(scene) for scene in dict.fromkeys(image.scene for image in images if image.on)]
+    kept = [n for n in names if n in told and n not in {ambient(scene) for scene in dark}]
+    if not kept:
+        return []
+    return [
+        f"{', '.join(kept)} and the pattern's background (its light that is not in dots) cannot be "
+        "told apart without an image of the emitter off: the pattern's own background is believed; "
+        "capture with the emitter off too."
+    ]
+
+
+def _wide(estimates: Sequence[Estimate]) -> list[str]:
+    """What is known less than by its range alone."""
+    return [
+        f"{one.name} is open: its deviation of {one.sd:.2g} is more than its range from 0 to "
+        f"{_RANGE[one.name]:g} leaves; capture surfaces that fill the image, at several distances."
+        for one in estimates
+        if one.name in _RANGE and np.isfinite(one.sd) and one.sd > EVEN * _RANGE[one.name]
+    ]
 
 
 def _black(estimates: Sequence[Estimate], images: Sequence[Image]) -> list[str]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from calibration.photometry import tiles
 from calibration.photometry.levels import part
 from calibration.photometry.light_model import Prediction
+from calibration.photometry.photometry_open import EVEN
 from calibration.result import Estimate
 from sim.imager import charge, smoothing
 from sim.light import speckle
@@ -38,8 +39,9 @@ def fit_speckle(
         frames: that each captured image is the mean of.
 
     Returns:
-        The estimate, an upper bound where geometry or pattern are not quite right; None where no
-        image has laser light whose dots are where they were predicted.
+        The estimate, an upper bound where geometry or pattern are not quite right; the sensor's own
+        value with an infinite deviation where the images say no more than the range of 0 to 1; None
+        where no image has laser light whose dots are where they were predicted.
     """
     rows, outs, groups = [], [], []
     for number, prediction in enumerate(
@@ -60,12 +62,15 @@ def fit_speckle(
     table, used, cluster = (np.concatenate(part) for part in (rows, outs, groups))
     value, sd = _line(table, used, cluster)
     contrast = float(np.sqrt(max(value, 0.0)))
+    deviation = float(sd / (2 * contrast)) if value > sd else float(np.sqrt(sd))
+    start = sensor.projector.speckle_contrast
+    told = deviation <= EVEN
     return Estimate(
         name=SPECKLE,
-        value=min(contrast, 1.0),
-        sd=float(sd / (2 * contrast)) if value > sd else float(np.sqrt(sd)),
+        value=min(contrast, 1.0) if told else start,
+        sd=deviation if told else np.inf,
         unit="1",
-        start=sensor.projector.speckle_contrast,
+        start=start,
     )
 
 

@@ -5,6 +5,11 @@ level is b + c m with m the light model. Eliminating c (variable projection) lea
 reflectance can imitate: the dots' contrast within a tile, and how the tiles' offsets and slopes
 go together.
 
+What differs from `calibration.variable_projection`: a tile has one factor in all images of an
+imager, lit and unlit, and the black level is no tile's own but common. So images' products are
+added before the factor is eliminated, and products of columns are all that is kept; there, where
+every image has strengths of its own, residuals stay pixel by pixel, to be weighed one by one.
+
 Source: Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413; Kaufman, BIT 15 (1975) 49.
 """
 
@@ -14,6 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from calibration.variable_projection import cut
 
 TILE_PX = 16
 FEWEST = 0.5  # Share of a tile's pixels that must count.
@@ -74,13 +81,8 @@ def _inverse_root(matrix: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def tiled(image: NDArray) -> NDArray:
-    """Cut (..., h, w) into tiles (n, ..., 256); what does not fill a tile is left out."""
-    *lead, height, width = image.shape
-    rows, columns = height // TILE_PX, width // TILE_PX
-    cut = image[..., : rows * TILE_PX, : columns * TILE_PX]
-    cut = cut.reshape(*lead, rows, TILE_PX, columns, TILE_PX)
-    cut = np.moveaxis(cut, (-4, -2), (0, 1))
-    return cut.reshape(rows * columns, *lead, TILE_PX * TILE_PX)
+    """Cut (h, w) into tiles (n, 256); what does not fill a tile is left out."""
+    return cut(image, TILE_PX)
 
 
 def spread(values: NDArray, shape: tuple[int, int]) -> NDArray[np.float32]:
@@ -131,18 +133,27 @@ def eliminated(gram: Array, count: int) -> tuple[Array, Array]:
         (n, k - count, k - count) of [r, Jacobian columns...] less what the eliminated columns
         explain, and the first one's least-squares coefficient.
     """
-    gone = np.arange(1, 1 + count)
-    rest = np.delete(np.arange(gram.shape[1]), gone)
-    own = gram[:, gone][:, :, gone]
-    along = gram[:, gone][:, :, rest]
-    scale = np.sqrt(np.maximum(np.diagonal(own, axis1=1, axis2=2), 1e-300))
-    scaled = own / (scale[:, :, None] * scale[:, None, :])
-    within = np.linalg.pinv(scaled, rcond=1e-6, hermitian=True) @ (along / scale[:, :, None])
-    inner = gram[:, rest][:, :, rest] - (along / scale[:, :, None]).transpose(0, 2, 1) @ within
-    counts = own[:, 0, 0] > 0
+    rest = np.delete(np.arange(gram.shape[1]), np.arange(1, 1 + count))
+    along, within, scale = _solved(gram, count)
+    inner = gram[:, rest][:, :, rest] - along.transpose(0, 2, 1) @ within
+    counts = gram[:, 1, 1] > 0
     return np.where(counts[:, None, None], inner, 0.0), np.where(
         counts, within[:, 0, 0] / scale[:, 0], 0.0
     )
+
+
+def _solved(gram: Array, count: int) -> tuple[Array, Array, Array]:
+    """Least squares of all columns by some: their products and coefficients, and the norms.
+
+    The columns eliminated, as in `eliminated`, are taken of unit norm.
+    """
+    gone = np.arange(1, 1 + count)
+    rest = np.delete(np.arange(gram.shape[1]), gone)
+    own = gram[:, gone][:, :, gone]
+    scale = np.sqrt(np.maximum(np.diagonal(own, axis1=1, axis2=2), 1e-300))
+    along = gram[:, gone][:, :, rest] / scale[:, :, None]
+    scaled = own / (scale[:, :, None] * scale[:, None, :])
+    return along, np.linalg.pinv(scaled, rcond=1e-6, hermitian=True) @ along, scale
 
 
 def ramps(shape: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -163,10 +174,8 @@ def fitted_factor(signal: NDArray, model: NDArray, weight: NDArray) -> NDArray[n
     shape = (model.shape[0], model.shape[1])
     bases = (np.ones(shape, np.float32), *ramps(shape))
     gram = grams([signal, *(model * base for base in bases)], weight, means=False)
-    scale = np.sqrt(np.maximum(np.diagonal(gram, axis1=1, axis2=2)[:, 1:], 1e-300))
-    own = gram[:, 1:, 1:] / (scale[:, :, None] * scale[:, None, :])
-    right = (gram[:, 1:, 0] / scale)[..., None]
-    found = (np.linalg.pinv(own, rcond=1e-6, hermitian=True) @ right)[..., 0] / scale
+    _, within, scale = _solved(gram, len(bases))
+    found = within[:, :, 0] / scale
     found[gram[:, 1, 1] <= 0] = (1.0, 0.0, 0.0)
     parts = (spread(found[:, k], shape) * base for k, base in enumerate(bases))
     return np.nan_to_num(np.sum(list(parts), axis=0), nan=1.0).astype(np.float32)

@@ -13,7 +13,6 @@ from calibration.plausibility.dots_seen import covered, see
 from calibration.plausibility.reference_scale import Scale
 from patterns.errors import refuse
 from sim.capture_info import CaptureInfo
-from sim.depth import disparity_from_depth
 from sim.sensor import Sensor
 
 _DOTTED = 0.1  # Share of the windows that must show dots: 0.30 and more in captured rooms.
@@ -98,7 +97,7 @@ def _scale(
     range_m = (sensor.post.near_m, sensor.post.far_m)
     reference_scale.refuse_out_of_range(item.name, item.depth_m, range_m, item.info.depth_unit_m)
     every = (slice(None, None, _STEP_PX), slice(None, None, _STEP_PX))
-    own_px = _disparity_px(item.depth_m, item)[every].ravel()
+    own_px = item.info.disparity_px(item.depth_m)[every].ravel()
     return reference_scale.compare(item.name, own_px, reference_px[every].ravel(), item.info.fx_px)
 
 
@@ -152,9 +151,4 @@ def _say_coverage(share: float) -> tuple[str, ...]:
 def _reference_px(item: Observation) -> Array | None:
     if item.truth_m is not None:
         return truth_px(item)
-    return None if item.depth_m is None else _disparity_px(item.depth_m, item)
-
-
-def _disparity_px(depth_m: Array, item: Observation) -> Array:
-    info = item.info
-    return disparity_from_depth(depth_m, focal_px=info.fx_px, baseline_m=info.baseline_m)
+    return None if item.depth_m is None else item.info.disparity_px(item.depth_m)

@@ -76,7 +76,9 @@ def stated_per_deg2(part: Projector, focal_px: float) -> float:
     """Spots per square degree that an imager counts where a projector's pattern is seen.
 
     It is counted as in captures, on the pattern drawn at the imager's resolution: spots that
-    melt together there count as one, so it falls short of the dots that were drawn.
+    melt together there count as one, so it falls short of the dots that were drawn. Patterns of
+    several emitters are laid over each other as they are far away; nearer they slide, and as many
+    spots melt elsewhere.
 
     Args:
         part: the projector.
@@ -85,14 +87,20 @@ def stated_per_deg2(part: Projector, focal_px: float) -> float:
     Raises:
         InputError: if the pattern cannot be had.
     """
-    drawn = projector.irradiance_at_unit_distance(part)
     half_x, half_y = projector.half_tangents(part)
     size = (
         max(WINDOW_PX, round(2 * half_x * focal_px)),
         max(WINDOW_PX, round(2 * half_y * focal_px)),
     )
-    seen = cv2.resize(drawn, size, interpolation=cv2.INTER_AREA)
-    seen = high_passed(cv2.GaussianBlur(seen, (0, 0), _IMAGER_BLUR_PX))
+    drawn = [
+        cv2.resize(
+            projector.irradiance_at_unit_distance(part, number),
+            size,
+            interpolation=cv2.INTER_AREA,
+        )
+        for number in range(len(projector.emitters(part)))
+    ]
+    seen = high_passed(cv2.GaussianBlur(np.sum(drawn, axis=0), (0, 0), _IMAGER_BLUR_PX))
     starts = (range(0, length - WINDOW_PX + 1, WINDOW_PX) for length in seen.shape)
     rows, columns = (list(start) for start in starts)
     cut = [seen[y : y + WINDOW_PX, x : x + WINDOW_PX] for y in rows for x in columns]

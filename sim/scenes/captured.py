@@ -11,20 +11,15 @@ from numpy.typing import NDArray
 from patterns import errors
 from sim.capture import open_set
 from sim.capture_info import CaptureInfo
-from sim.depth import disparity_from_depth
 from sim.optics import shading
 from sim.pinhole import Pinhole
-from sim.scene import Ambient, Body, Material, Scene
-from sim.scenes import depth_mesh, dots_off
+from sim.scene import Material, Scene
+from sim.scenes import depth_surface, dots_off
 from sim.sensor import Sensor
 
 Array = NDArray[np.float32]
 
 _MEAN_REFLECTANCE = 0.5  # Assumed: brightness alone cannot tell light from reflectance.
-# Makes the D415 preset's dots modulate the light by 0.1 to 0.35, as measured in lit rooms.
-_LIT_ROOM_W_M2 = 0.4
-_PATCHED_PX = 8.0  # What continues from different places is joined up to this step.
-_MARGIN_PX = 128  # Beyond the image, for what only the right imager sees.
 
 
 def load(path: Path, sensor: Sensor, *, smoothing_px: float = 0.0) -> Scene:
@@ -58,53 +53,18 @@ def load(path: Path, sensor: Sensor, *, smoothing_px: float = 0.0) -> Scene:
         raise errors.refuse(
             "scene", "must have truth.png and ir_left.png", path, "Choose a scene with both."
         )
-    disparity = disparity_from_depth(truth, focal_px=info.fx_px, baseline_m=info.baseline_m)
-    surface = _widened(depth_mesh.smoothed(depth_mesh.closed(disparity)))
     level = np.maximum(lit.astype(np.float32) - np.float32(info.black_level_dn or 0.0), 0)
     if smoothing_px > 0:
         level = np.asarray(cv2.GaussianBlur(level, (0, 0), smoothing_px), np.float32)
     elif frame.ir_left_off is None:
         level = np.maximum(dots_off.removed(level), 0)
-    albedo = np.pad(
-        _reflectance(level / _seen_share(info, sensor)),
-        ((0, 0), (_MARGIN_PX, _MARGIN_PX)),
-        mode="reflect",
+    return depth_surface.scene(
+        scene.name,
+        info.disparity_px(truth),
+        info,
+        Material(name="as seen"),
+        reflectance=_reflectance(level / _seen_share(info, sensor)),
     )
-    intrinsics = np.array(
-        [[info.fx_px, 0, info.cx_px + _MARGIN_PX], [0, info.fy_px, info.cy_px], [0, 0, 1]]
-    )
-    focal_baseline = info.fx_px * info.baseline_m
-    hidden, source = depth_mesh.behind(surface)
-    soft = np.asarray(cv2.blur(albedo, (9, 9)), np.float32)
-    bodies = [
-        Body(
-            name="surface",
-            mesh=depth_mesh.triangles(surface, intrinsics, focal_baseline),
-            material=Material(name="as seen"),
-            texture=albedo,
-        )
-    ]
-    if np.isfinite(hidden).any():
-        bodies.append(
-            Body(
-                name="surface behind",
-                mesh=depth_mesh.triangles(hidden, intrinsics, focal_baseline, jump_px=_PATCHED_PX),
-                material=Material(name="as seen"),
-                texture=soft.ravel()[source],
-            )
-        )
-    return Scene(
-        name=scene.name,
-        bodies=tuple(bodies),
-        ambient=Ambient(
-            irradiance_w_m2=_LIT_ROOM_W_M2, gradient=0.0
-        ),  # Its shading is in the reflectance estimate already.
-        shadow_tolerance=0.01,
-    )
-
-
-def _widened(disparity: Array) -> Array:
-    return np.pad(disparity, ((0, 0), (_MARGIN_PX, _MARGIN_PX)), mode="edge")
 
 
 def _seen_share(info: CaptureInfo, sensor: Sensor) -> Array:

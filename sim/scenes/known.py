@@ -77,6 +77,26 @@ def describe(word: str, world_from_left: Pose, folder: Path) -> SceneFile | None
     )
 
 
+def carried(scene: CapturedScene, folder: Path) -> SceneFile | None:
+    """Say of a captured scene what another folder's `scene.toml` must, to name the same geometry.
+
+    Args:
+        scene: one of a capture set.
+        folder: where the file will lie (see `describe` for how paths are written).
+
+    Returns:
+        The scene's own file but for the path; None where it has none.
+
+    Raises:
+        InputError: as `sim.scene_file.read`.
+    """
+    known = scene.known()
+    if known is None or not _is_file(known.scene):
+        return known
+    word = _written(os.path.join(scene.path, known.scene), folder)
+    return dataclasses.replace(known, scene=word)
+
+
 def _row(row: np.ndarray) -> tuple[float, float, float, float]:
     x, y, z, shift = map(float, row)
     return x, y, z, shift

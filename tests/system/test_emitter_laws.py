@@ -18,7 +18,17 @@ from hypothesis import strategies as st
 
 from patterns import InputError, Pattern
 from patterns.field import Field
-from sim import backend, frames, indirect, projector, reference, render, render_scalar, sensors
+from sim import (
+    backend,
+    frames,
+    indirect,
+    paths_scalar,
+    projector,
+    reference,
+    render,
+    render_scalar,
+    sensors,
+)
 from sim.effects import setting
 from sim.layers import Layers
 from sim.parts.emitter import Emitter
@@ -32,9 +42,9 @@ LEFT, RIGHT = (0.026, 0.0, 0.0), (0.0305, 0.001, -0.002)
 
 
 def camera(**light: Any) -> Sensor:
-    """A small D415 whose projector stands at the left imager, unless told otherwise."""
+    """A small D415 with one emitter at the left imager, unless told otherwise."""
     preset = sensors.load("d415")
-    part = dataclasses.replace(preset.projector, position_m=(0.0, 0.0, 0.0))
+    part = dataclasses.replace(preset.projector, position_m=(0.0, 0.0, 0.0), emitters=())
     return dataclasses.replace(
         preset,
         width=160,
@@ -142,6 +152,24 @@ def test_light_of_emitters_adds(effects: dict[str, float]) -> None:
     assert (first.truth.lit != second.truth.lit).any()
 
 
+def test_the_path_tracer_without_a_compiler_adds_emitters() -> None:
+    """Its indirect light of two is that of each where it stands, with its part of the power."""
+    both = camera(emitters=TWO)
+    stage, shares = Stage(builtin.tabletop()), (0.75, 0.25)
+
+    def bounced(sensor: Sensor, irradiances: list[np.ndarray]) -> np.ndarray:
+        pose = stage.scene.world_from_left
+        return paths_scalar.radiance(stage, sensor, pose, irradiances, shrink=4, samples=4, seed=1)
+
+    lit = [projector.irradiance_at_unit_distance(both.projector, number) for number in (0, 1)]
+    each = [
+        share * bounced(one, [projector.irradiance_at_unit_distance(one.projector)])
+        for share, one in zip(shares, (camera(position_m=e.offset_m) for e in TWO), strict=True)
+    ]
+    assert all(image.any() for image in each)
+    np.testing.assert_allclose(bounced(both, lit), sum(each), rtol=1e-4, atol=1e-5 * each[0].max())
+
+
 def test_emitters_shrink_with_the_models_scale() -> None:
     """In a model enlarged by 1.04 an emitter stands where a projector at its place would."""
     effects = {"model_scale": 1.04}
@@ -216,13 +244,7 @@ def test_structured_light_has_one_emitter() -> None:
         reference.image(dataclasses.replace(kinect, projector=light))
 
 
-@pytest.mark.parametrize(
-    ("light", "named"),
-    [
-        ({"emitters": (Emitter(),)}, r"projector\.emitters"),
-        ({"pattern_scale": 1.002}, r"projector\.pattern_scale other than 1"),
-    ],
-)
-def test_the_scalar_renderer_refuses(light: dict[str, Any], named: str) -> None:
-    with pytest.raises(backend.BackendError, match=f"^{named} must be absent in scalar_rgb"):
-        render_scalar.layers(Stage(builtin.wall(1.0)), camera(**light), subpixels=1)
+def test_the_scalar_renderer_refuses_another_scale() -> None:
+    named = r"^projector\.pattern_scale other than 1 must be absent in scalar_rgb"
+    with pytest.raises(backend.BackendError, match=named):
+        render_scalar.layers(Stage(builtin.wall(1.0)), camera(pattern_scale=1.002), subpixels=1)

@@ -210,7 +210,7 @@ def test_paths_agree_with_mitsubas_path_tracer(even):
     camera, _ = cameras(even, made.scene.world_from_left)
     own = paths.radiance(made, camera, Lights.of(made, even), 512, 1)
     theirs = paths_scalar.radiance(
-        made, even, made.scene.world_from_left, dots, shrink=1, samples=512, seed=1
+        made, even, made.scene.world_from_left, [dots], shrink=1, samples=512, seed=1
     )
     assert own.mean() == pytest.approx(theirs.mean(), rel=0.02)
     small_own, small_theirs = (cv2.blur(image, (5, 5)).ravel() for image in (own, theirs))

@@ -27,9 +27,10 @@ SIZE = {"width": 640, "height": 320, "cx_px": 319.5, "cy_px": 159.5}
 
 
 def camera(focal_px: float, **light: Any) -> Sensor:
-    """A camera with its projector at the left imager."""
+    """A camera with one emitter, at the left imager."""
     preset = sensors.load("d415")
-    part = dataclasses.replace(preset.projector, position_m=(0.0, 0.0, 0.0), **light)
+    part = dataclasses.replace(preset.projector, position_m=(0.0, 0.0, 0.0), emitters=())
+    part = dataclasses.replace(part, **light)
     return dataclasses.replace(preset, **SIZE, fx_px=focal_px, fy_px=focal_px, projector=part)
 
 

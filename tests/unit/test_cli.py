@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import starling
-from sim import backend, depth, progress, sensors, simulate, simulate_captures
+from sim import backend, measurement, progress, sensors, simulate, simulate_captures
 from sim.depth import DepthMap
 from sim.layers import Layers, Truth, View
 from sim.scenes import builtin
@@ -91,7 +91,7 @@ def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     mitsuba = types.SimpleNamespace(variant=lambda: "scalar_rgb")
     monkeypatch.setattr(backend, "mitsuba", lambda: mitsuba)
-    monkeypatch.setattr(depth, "measure", measured)
+    monkeypatch.setattr(measurement, "measure", measured)
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibration.depth import depth_figures, depth_only
-from calibration.depth.depth_twin import surface, twin
+from calibration.depth.depth_twin import twin
 from calibration.observation import Observation
 from patterns import InputError
 from sim import capture_writer, scenes, sensors, simulate
@@ -50,15 +50,10 @@ def _observed(
         name=name,
         room=name,
         info=capture_writer.info_of(sensor, source="made", licence="Apache-2.0", notes=""),
-        left=None,
-        right=None,
-        left_off=None,
-        right_off=None,
         depth_m=depth_m,
         truth_m=truth_m,
         scene=scene if mesh else None,
         metric=mesh,
-        repeats=None,
     )
 
 
@@ -136,8 +131,8 @@ def test_a_surface_from_reference_depth_stands_where_it_was_measured() -> None:
     seen.truth_m[80:84, 200:204] = np.nan
     given = {"focal_px": preset.fx_px, "baseline_m": preset.baseline_m}
     truth_px = disparity_from_depth(seen.truth_m, **given)
-    assert len(surface(truth_px, seen.info, "wall").bodies) == 1  # Nothing is behind a wall.
     made = twin(seen, preset)
+    assert len(made.stage.scene.bodies) == 1  # Nothing is behind a wall.
     off = disparity_from_depth(made.layers.truth.depth_m, **given) - truth_px
     assert np.nanmax(np.abs(off)) < 0.05
     assert np.isfinite(made.layers.truth.depth_m[82, 202])
@@ -152,15 +147,8 @@ def _blank(**changes: object) -> Observation:
         name="a",
         room="a",
         info=info,
-        left=None,
-        right=None,
-        left_off=None,
-        right_off=None,
         depth_m=depth,
         truth_m=depth,
-        scene=None,
-        metric=False,
-        repeats=None,
     )
     return dataclasses.replace(seen, **changes)
 

@@ -11,9 +11,10 @@ import pytest
 from calibration.pattern import dots
 from calibration.pattern.cosine_image import Grid
 from calibration.pattern.emitter_model import Emission, Model
+from calibration.pattern.image_recovery import imager_blur_px
 from calibration.pattern.lattice import Lattice
 from calibration.pattern.pattern_fit import Fitted
-from calibration.pattern.recovery import Recovered, imager_blur_px
+from calibration.pattern.recovery import Recovered
 from calibration.pattern.unprojected import PatternImage
 from sim import projector, sensors
 from sim.sensor import Sensor

@@ -14,36 +14,19 @@ import numpy as np
 import pytest
 
 import starling
-from calibration import fitting
+from calibration import fitting, observation
 from calibration.calibrate_captures import calibrate_captures
+from calibration.observation import Observation
 from patterns.errors import InputError
-from sim import asked_sensor, capture, capture_info, capture_writer, png, projector, render, sensors
-from sim.depth import to_code
+from sim import asked_sensor, capture, projector, render, sensors
 from sim.scenes import builtin
 from sim.sensor import Sensor
 from sim.sensor_edits import with_values
 from sim.simulate import infrared
 from sim.stage import Stage
+from tests.unit.calibration import small_camera
 
-WIDTH, HEIGHT = 424, 240
 ROOMS = ("attic", "bath", "cellar", "den")
-
-
-def _small(name: str) -> Sensor:
-    preset = sensors.load(name)
-    scale = WIDTH / preset.width
-    return with_values(
-        preset,
-        {
-            "width": WIDTH,
-            "height": HEIGHT,
-            "fx_px": preset.fx_px * scale,
-            "fy_px": preset.fy_px * scale,
-            "cx_px": (WIDTH - 1) / 2,
-            "cy_px": (HEIGHT - 1) / 2,
-            "projector.power_w": 1.0,
-        }.items(),
-    )
 
 
 def _write_scene(folder: Path, room: str, number: int, truth: Sensor) -> None:
@@ -52,28 +35,21 @@ def _write_scene(folder: Path, room: str, number: int, truth: Sensor) -> None:
     body = dataclasses.replace(scene[number], interreflection=0.0)
     layers = render.layers(Stage(body), truth)
     pair = infrared(layers, body, truth, seed=number)
-    assert pair.right is not None
-    frame = folder / f"scene-{room}" / "0"
-    frame.mkdir(parents=True)
-    (frame.parent / "room").write_text(room + "\n")
-    depth = to_code(layers.truth.depth_m, truth.post.depth_unit_m)
-    (frame.parent / "truth.png").write_bytes(png.encode(depth))
-    (frame / "ir_left.png").write_bytes(png.encode(pair.left))
-    (frame / "ir_right.png").write_bytes(png.encode(pair.right))
+    place = folder / f"scene-{room}"
+    small_camera.write_scene(place, layers.truth.depth_m, (pair.left, pair.right), truth)
+    (place / "room").write_text(room + "\n")
 
 
 @pytest.fixture(scope="module")
 def small() -> Sensor:
-    return _small("d435")
+    return small_camera.small("d435", 424, 240)
 
 
 @pytest.fixture(scope="module")
 def captures(small: Sensor, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A set of four rooms by a D435 whose projector stands 1 mm beside its preset's place."""
     folder = tmp_path_factory.mktemp("captures") / "set"
-    folder.mkdir()
-    info = capture_writer.info_of(small, source="simulated", licence="Apache-2.0", notes="")
-    (folder / capture_info.FILE).write_text(capture_info.dumps(info))
+    small_camera.write_info(folder, small)
     x = small.projector.position_m[0] + 1e-3
     truth = with_values(small, [("projector.position_m.x", x)])
     for number, room in enumerate(ROOMS):
@@ -110,6 +86,17 @@ def test_unknown_groups_and_none_are_refused(captures: Path, small: Sensor, tmp_
     assert message.startswith("free must be a known name; got 'lens'.") and "pattern" in message
     message = _refused(captures, small, tmp_path, free=[])
     assert message.startswith("free must name a group; got none.")
+
+
+def test_wrong_captures_are_refused_before_their_surfaces_are_made(
+    captures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def made(*_: object, **__: object) -> Observation:
+        raise AssertionError("a surface was made")
+
+    monkeypatch.setattr(observation, "with_surface", made)
+    message = _refused(captures, small_camera.small("d415", 424, 240), tmp_path)
+    assert message.startswith("sensor d415 must fit the captures")
 
 
 @pytest.mark.slow

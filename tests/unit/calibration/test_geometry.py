@@ -74,13 +74,9 @@ def observed(scenes: Sequence[Scene], truth: Sensor, **changes: object) -> list[
             info=capture_writer.info_of(preset(), source="a test", licence="", notes=""),
             left=pair.left.astype(np.float32),
             right=pair.right.astype(np.float32),
-            left_off=None,
-            right_off=None,
-            depth_m=None,
             truth_m=layers.truth.depth_m,
             scene=scene,
             metric=True,
-            repeats=None,
         )
         found.append(dataclasses.replace(seen, **changes))
     return found

@@ -11,32 +11,14 @@ import pytest
 from calibration import heldout, observation
 from calibration.observation import Observation
 from patterns.errors import InputError
-from sim import capture, capture_info, capture_writer, png, projector, scenes, sensors
-from sim.depth import to_code
+from sim import capture, png, projector, scenes
 from sim.scene import Scene
 from sim.sensor import Sensor
 from sim.sensor_edits import with_values
 from sim.simulate import simulate
-from sim.stage import Stage
+from tests.unit.calibration import small_camera
 
 WIDTH, HEIGHT = 400, 224
-
-
-def _small(name: str) -> Sensor:
-    preset = sensors.load(name)
-    scale = WIDTH / preset.width
-    return with_values(
-        preset,
-        {
-            "width": WIDTH,
-            "height": HEIGHT,
-            "fx_px": preset.fx_px * scale,
-            "fy_px": preset.fy_px * scale,
-            "cx_px": (WIDTH - 1) / 2,
-            "cy_px": (HEIGHT - 1) / 2,
-            "projector.power_w": 1.0,
-        }.items(),
-    )
 
 
 def _pattern(sensor: Sensor, folder: Path, name: str, flip: bool) -> Sensor:
@@ -56,7 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def sensor(folder: Path) -> Sensor:
-    return _pattern(_small("d435"), folder, "pattern.png", flip=False)
+    return _pattern(small_camera.small("d435", WIDTH, HEIGHT), folder, "pattern.png", flip=False)
 
 
 @pytest.fixture(scope="module")
@@ -65,16 +47,9 @@ def seen(sensor: Sensor, folder: Path) -> Observation:
     sensor = with_values(sensor, [("projector.pattern_scale", 1.002)])
     scene = dataclasses.replace(scenes.load("tabletop:3", sensor), interreflection=0.0)
     shot = simulate(scene, sensor, seed=4)
-    assert shot.ir_right is not None
-    info = capture_writer.info_of(sensor, source="simulated", licence="Apache-2.0", notes="")
-    frame = folder / "set" / "a" / "0"
-    frame.mkdir(parents=True)
-    (folder / "set" / capture_info.FILE).write_text(capture_info.dumps(info))
-    (frame.parent / "truth.png").write_bytes(
-        png.encode(to_code(shot.layers.truth.depth_m, info.depth_unit_m))
-    )
-    (frame / "ir_left.png").write_bytes(png.encode(shot.ir_left))
-    (frame / "ir_right.png").write_bytes(png.encode(shot.ir_right))
+    small_camera.write_info(folder / "set", sensor)
+    truth_m, pair = shot.layers.truth.depth_m, (shot.ir_left, shot.ir_right)
+    small_camera.write_scene(folder / "set" / "a", truth_m, pair, sensor)
     (scene_of_set,) = capture.open_set(folder / "set").scenes
     return observation.load(scene_of_set, sensor, smoothing_px=heldout.SMOOTHING_PX)
 
@@ -109,7 +84,7 @@ def test_simulated_images_are_the_real_ones_in_unit_and_noise_free(
     seen: Observation, sensor: Sensor, scored: heldout.Scored
 ) -> None:
     """Codes of the sensor's own depth; two simulations are one."""
-    again, depth = heldout.simulate(Stage(seen.scene), sensor, 1.002)
+    again, depth = heldout.simulate(seen.stage, sensor, 1.002)
     np.testing.assert_array_equal(again["left"], scored.simulated["left"])
     assert again["left"].max() <= sensor.left.ceiling_dn
     ratio = float(again["left"].mean() / scored.real["left"].mean())

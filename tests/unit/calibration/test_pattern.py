@@ -17,8 +17,7 @@ from calibration.pattern import views as seeing
 from calibration.pattern.recovery import Recovered
 from calibration.result import Estimate, Solution
 from patterns.errors import InputError
-from sim import capture, capture_info, capture_writer, png, render, sensors
-from sim.depth import to_code
+from sim import capture, capture_writer, png, render
 from sim.parts.emitter import Emitter
 from sim.scene import Scene
 from sim.scenes import builtin
@@ -26,6 +25,7 @@ from sim.sensor import Sensor
 from sim.sensor_edits import with_values
 from sim.simulate import infrared
 from sim.stage import Stage
+from tests.unit.calibration import small_camera
 
 SUBPIXELS = 3  # The fit looks at pixels' middles alone.
 PLACE = (0.0285, 7e-4, -1e-3)  # Of the true projector; the fit begins 1 to 1.5 mm off.
@@ -42,20 +42,7 @@ Kind = Literal["reference", "metric"]
 
 
 def _nominal(name: str, width: int) -> Sensor:
-    preset = sensors.load(name)
-    scale, height = width / preset.width, round(width * 9 / 32) * 2
-    return with_values(
-        preset,
-        {
-            "width": width,
-            "height": height,
-            "fx_px": preset.fx_px * scale,
-            "fy_px": preset.fy_px * scale,
-            "cx_px": (width - 1) / 2,
-            "cy_px": (height - 1) / 2,
-            "projector.power_w": 1.0,
-        }.items(),
-    )
+    return small_camera.small(name, width, round(width * 9 / 32) * 2)
 
 
 def _scenes() -> list[Scene]:
@@ -64,24 +51,25 @@ def _scenes() -> list[Scene]:
 
 
 def _seen(
-    folder: Path, truth: Sensor, claimed: Sensor, scales: tuple[float, ...], kind: Kind
+    folder: Path,
+    truth: Sensor,
+    claimed: Sensor,
+    scales: tuple[float, ...],
+    kind: Kind,
+    *,
+    drawn: list[Scene] | None = None,
+    seed: int = 50,
 ) -> list[Observation]:
     """Captures by the true sensor, as the claimed one's; reference depth goes through files."""
-    info = capture_writer.info_of(claimed, source="simulated", licence="Apache-2.0", notes="")
-    (folder / capture_info.FILE).write_text(capture_info.dumps(info))
-    scenes = _scenes()[: len(scales)]
+    small_camera.write_info(folder, claimed)
+    scenes = (drawn or _scenes())[: len(scales)]
     for number, (scene, scale) in enumerate(zip(scenes, scales, strict=True)):
         sensor = with_values(truth, [("projector.pattern_scale", scale)])
         layers = render.layers(Stage(scene), sensor, subpixels=SUBPIXELS)
-        pair = infrared(layers, scene, sensor, seed=50 + number)
-        assert pair.right is not None
-        frame = folder / f"scene{number}" / "0"
-        frame.mkdir(parents=True)
-        (frame.parent / "room").write_text(f"room{number}\n")
-        depth = to_code(layers.truth.depth_m, info.depth_unit_m)
-        (frame.parent / "truth.png").write_bytes(png.encode(depth))
-        (frame / "ir_left.png").write_bytes(png.encode(pair.left))
-        (frame / "ir_right.png").write_bytes(png.encode(pair.right))
+        pair = infrared(layers, scene, sensor, seed=seed + number)
+        place = folder / f"scene{number}"
+        small_camera.write_scene(place, layers.truth.depth_m, (pair.left, pair.right), claimed)
+        (place / "room").write_text(f"room{number}\n")
     found = list(observation.load_all(capture.open_set(folder).scenes, claimed))
     if kind == "metric":
         return [
@@ -254,11 +242,7 @@ def scattered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, list[Obse
 def test_an_image_and_its_emitter_s_place_are_found(
     scattered: tuple[Case, list[Observation], Path],
 ) -> None:
-    """3 mm off at the start, 0.15 mm at the end: the image follows, but not from all distances.
-
-    Of its deviations no more is said than that they are no larger than the start's error: what the
-    image's own grid does to a place is not in them.
-    """
+    """3 mm off at the start, 0.15 mm at the end: the image follows, but not from all distances."""
     case = scattered[0]
     assert not case.recovered.lattices
     (emitter,) = case.recovered.model.emitters
@@ -268,6 +252,43 @@ def test_an_image_and_its_emitter_s_place_are_found(
     np.testing.assert_allclose(list(case.recovered.model.scales.values()), SCALES, atol=1e-4)
     true = case.truth.focal_baseline_px_m
     assert case.estimate("focal_baseline_px_m").value == pytest.approx(true, rel=2e-3)
+
+
+@pytest.mark.long
+def test_an_image_s_intervals_hold(tmp_path: Path) -> None:
+    """Nominal 90 % intervals of place and alignment hold in 80 to 97 % of eight draws.
+
+    Each draw has other scenes and other noise. Seven numbers that share errors, eight times: chance
+    alone makes four per cent. Scenes' own scales are left out: a scene's reference is wrong by less
+    than a code of depth here, but in one way for the whole scene, which no other room tells.
+    """
+    start = _nominal("d435", 480)
+    x, y, z = start.projector.position_m
+    place = dict(zip("xyz", (x + 1.5e-3, y + 1e-3, z - 7e-4), strict=True))
+    moves = [(f"projector.position_m.{axis}", value) for axis, value in place.items()]
+    truth = with_values(start, [*moves, ("right.alignment.offset_y_px", 0.3)])
+    want = {
+        **dict(moves),
+        "right.alignment.offset_y_px": 0.3,
+        "right.alignment.offset_x_px": 0.0,
+        "right.alignment.roll_deg": 0.0,
+        "focal_baseline_px_m": truth.focal_baseline_px_m,
+    }
+    inside = []
+    for draw in range(8):
+        first, second = builtin.tabletop(100 * draw + 1), builtin.clutter(100 * draw + 8)
+        third = builtin.staircase(0.5 + 0.02 * draw) if draw % 2 else builtin.tabletop(77 + draw)
+        drawn = [dataclasses.replace(one, interreflection=0.0) for one in (first, second, third)]
+        folder = tmp_path / str(draw)
+        folder.mkdir()
+        seen = _seen(folder, truth, start, SCALES, "reference", drawn=drawn, seed=1000 * draw)
+        found = pattern_solution.solution(_recovered(seen, start), start, metric=False)
+        by_name = {one.name: one for one in (*found.estimates, *found.derived)}
+        inside += [
+            abs(by_name[name].value - true) < 1.645 * by_name[name].sd
+            for name, true in want.items()
+        ]
+    assert 0.80 <= np.mean(inside) <= 0.97
 
 
 @pytest.mark.long
@@ -302,15 +323,6 @@ def _flat(sensor: Sensor) -> Observation:
         name="hall",
         room="hall",
         info=capture_writer.info_of(sensor, source="none", licence="Apache-2.0", notes=""),
-        left=None,
-        right=None,
-        left_off=None,
-        right_off=None,
-        depth_m=None,
-        truth_m=None,
-        scene=None,
-        metric=False,
-        repeats=None,
     )
 
 

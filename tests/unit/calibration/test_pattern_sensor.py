@@ -14,9 +14,10 @@ from calibration.pattern import pattern_sensor
 from calibration.pattern.cosine_image import Grid
 from calibration.pattern.emission import Alignment
 from calibration.pattern.emitter_model import Emission, Model
+from calibration.pattern.image_recovery import imager_blur_px
 from calibration.pattern.lattice import Lattice
 from calibration.pattern.pattern_fit import Fitted
-from calibration.pattern.recovery import Recovered, imager_blur_px
+from calibration.pattern.recovery import Recovered
 from calibration.pattern.unprojected import PatternImage
 from patterns.field import Field
 from sim import frames, png, projector, sensors

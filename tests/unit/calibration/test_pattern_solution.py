@@ -47,7 +47,7 @@ def _model(*sources: Lattice | PatternImage) -> Model:
     )
 
 
-def _recovered(model: Model, seed: int = 0) -> Recovered:
+def _recovered(model: Model, seed: int = 0, rooms: int = 3) -> Recovered:
     rng = np.random.default_rng(seed)
     count = len(model.names)
     root = rng.standard_normal((count, count)) * 1e-4
@@ -56,6 +56,7 @@ def _recovered(model: Model, seed: int = 0) -> Recovered:
         covariance=root @ root.T,
         cost=(2.0, 1.0),
         shares=np.full(len(model.emitters), 1 / len(model.emitters)),
+        rooms=rooms,
     )
     return Recovered(fitted=fitted, image=_image())
 
@@ -196,6 +197,23 @@ def test_what_is_open_is_said(sensor: Sensor) -> None:
     assert pattern_solution.TURN_OPEN in image
     names = [one.name for one in _solution(MODELS["image"], sensor).estimates]
     assert not any(name.startswith("projector.rotation_deg") for name in names)
+
+
+@pytest.mark.parametrize("kind", ["lattices", "image"])
+def test_too_few_rooms_are_said(kind: str, sensor: Sensor) -> None:
+    """With their number and what to capture; three rooms need no word."""
+    said = {
+        rooms: [
+            line
+            for line in pattern_solution.solution(
+                _recovered(MODELS[kind], rooms=rooms), sensor, metric=False
+            ).undetermined
+            if "room to room" in line
+        ]
+        for rooms in (1, 2, 3)
+    }
+    assert "1 room says" in said[1][0] and "2 rooms say" in said[2][0] and not said[3]
+    assert all("capture 3 rooms or more" in said[rooms][0] for rooms in (1, 2))
 
 
 def test_scenes_have_their_scales(sensor: Sensor) -> None:

@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 
 from calibration.observation import Observation
+from calibration.photometry import noise
 from calibration.photometry.noise import fit_noise, noise_bound_dn
 from calibration.photometry.photometry_fit import PARAMETERS, Photometry, fit_photometry
-from calibration.photometry.speckle_contrast import fit_speckle
+from calibration.photometry.photon_transfer import fit_photon_transfer
+from calibration.photometry.speckle_contrast import SPECKLE, fit_speckle
 from patterns.errors import InputError
-from sim import render, sensor_edits, sensors, simulate
-from sim.capture_info import CaptureInfo
+from sim import capture_writer, render, sensor_edits, sensors, simulate
 from sim.imager.exposure import Exposure
 from sim.layers import Layers
 from sim.scene import Scene
@@ -50,20 +51,7 @@ TRUTH = sensor_edits.with_values(
     ],
 )
 AMBIENT_W_M2 = 0.15
-INFO = CaptureInfo(
-    sensor="d435",
-    width=320,
-    height=192,
-    fx_px=163.0,
-    fy_px=163.0,
-    cx_px=159.5,
-    cy_px=95.5,
-    baseline_m=TRUTH.baseline_m,
-    depth_unit_m=0.001,
-    source="made by a test",
-    licence="",
-    notes="",
-)
+INFO = capture_writer.info_of(START, source="made by a test", licence="", notes="")
 SCENE = builtin.tabletop(3)
 AMBIENT = f"scene.ambient.irradiance_w_m2[{SCENE.name}]"
 
@@ -109,8 +97,6 @@ def observed(
         right=image(pairs[0].right),
         left_off=image(pair_off.left) if pair_off else None,
         right_off=image(pair_off.right) if pair_off else None,
-        depth_m=None,
-        truth_m=None,
         scene=scene,
         metric=True,
         repeats=codes.astype(np.uint8) if frames > 1 else None,
@@ -159,6 +145,7 @@ def test_unknown_reflectance_leaves_ratio_and_black_level(off: bool) -> None:
     assert "projector.power_w" in text
     assert "reflectance cannot be told apart" in text
     assert "left.lens.vignetting and reflectance" in text
+    assert (f"{AMBIENT} and the pattern's background" in text) == (not off)
 
 
 def test_wrong_reflectance_is_noticed() -> None:
@@ -221,8 +208,8 @@ def test_dots_elsewhere_are_not_fitted() -> None:
     assert "dots were not used" in text
     assert f"{AMBIENT} cannot be told from reflectance" in text
     assert fit_speckle(fit.predictions, other) is None
-    noise = fit_noise([observed()], fit.predictions, other)
-    assert any("speckle_contrast is open" in line for line in noise.undetermined)
+    solution = fit_noise([observed()], fit.predictions, other)
+    assert any("speckle_contrast is open" in line for line in solution.undetermined)
 
 
 def test_one_wall_leaves_the_black_level_open() -> None:
@@ -268,6 +255,49 @@ def test_single_images_bound_the_noise() -> None:
     assert any("capture a scene at rest twice" in line for line in solution.undetermined)
     nowhere = dataclasses.replace(left, used=np.zeros_like(left.used))
     assert np.isnan(noise_bound_dn(nowhere))
+
+
+def test_a_contrast_that_nothing_tells_is_open() -> None:
+    """Residuals of noise a thousand times the laser's light: the start stays, and a sentence."""
+    fit = fit_photometry([observed()], START, layers=fitted_layers())
+    rng = np.random.default_rng(0)
+    drowned = [
+        dataclasses.replace(
+            one,
+            laser_dn=1e-3 * one.laser_dn,
+            residual_dn=rng.standard_normal(one.residual_dn.shape).astype(np.float32),
+        )
+        for one in fit.predictions
+    ]
+    found = fit_noise([observed()], drowned, START)
+    speckle = found.estimates[-1]
+    assert speckle.name == SPECKLE and np.isinf(speckle.sd) and np.isinf(found.covariance[-1, -1])
+    assert speckle.value == speckle.start == found.sensor.projector.speckle_contrast
+    assert any(f"{SPECKLE} is open: what the fit leaves over" in one for one in found.undetermined)
+
+
+def test_noise_known_less_than_by_its_range_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full well less sure than its size, an averaging of 3 px +- 2: starts stay, and are named.
+
+    That photon transfer gives such deviations where levels hardly differ is not shown.
+    """
+    observation = observed(frames=2)
+    assert observation.repeats is not None
+    told = fit_photon_transfer(observation.repeats, START)
+    rows = zip(told.estimates, (2e5, 1.0, 2.0), strict=True)
+    unsure = tuple(
+        dataclasses.replace(one, value=9e4 if sd == 2e5 else 3.0, sd=sd) for one, sd in rows
+    )
+    loose = dataclasses.replace(told, estimates=unsure, covariance=np.diag([4e10, 1.0, 4.0]))
+    monkeypatch.setattr(noise, "fit_photon_transfer", lambda *_: loose)
+    found = fit_noise([observation], (), START)
+    well, read, averaging = found.estimates[:3]
+    for one in (well, averaging):
+        assert np.isinf(one.sd) and one.value == one.start
+        assert any(line.startswith(f"{one.name} is open") for line in found.undetermined)
+    assert read.sd == 1.0 and read.value == 3.0
+    np.testing.assert_array_equal(np.diagonal(found.covariance)[:3], [np.inf, 1.0, np.inf])
+    assert found.sensor.left.full_well_e == START.left.full_well_e
 
 
 @pytest.mark.long

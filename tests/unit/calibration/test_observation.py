@@ -1,0 +1,71 @@
+"""What a fit reads of captured scenes: images first, surfaces when they are asked for."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration import observation
+from patterns import InputError
+from sim import capture, sensors
+from sim.capture import CapturedScene
+
+EYE = np.eye(4).tolist()
+
+
+def _first(folder: Path) -> CapturedScene:
+    return capture.open_set(folder).scenes[0]
+
+
+def test_images_are_read_without_a_surface(small_set: Path) -> None:
+    seen = observation.read(_first(small_set))
+    assert seen.left is not None and seen.right is not None and seen.left_off is None
+    assert seen.scene is None and not seen.metric and seen.repeats is None
+    disparity = observation.truth_px(seen)
+    assert disparity is not None
+    np.testing.assert_allclose(disparity, 90.0 * 0.05, rtol=1e-6)  # A wall at 1 m.
+    assert observation.truth_px(dataclasses.replace(seen, truth_m=None)) is None
+
+
+def test_reference_depth_becomes_a_surface(small_set: Path) -> None:
+    scene = _first(small_set)
+    sensor = scene.info.geometry_into(sensors.load("d415"))
+    seen = observation.load(scene, sensor)
+    assert seen.scene is not None and not seen.metric
+    np.testing.assert_allclose(seen.scene.bodies[0].mesh.vertices[:, 2], 1.0, rtol=1e-3)
+    assert len(observation.load_all([scene, scene], sensor)) == 2
+
+
+def test_a_posed_mesh_goes_before_reference_depth(small_set: Path) -> None:
+    scene = _first(small_set)
+    (scene.path / "scene.toml").write_text(f'scene = "wall:2"\nleft_from_world = {EYE}\n')
+    seen = observation.load(scene, scene.info.geometry_into(sensors.load("d415")))
+    assert seen.scene is not None and seen.scene.name == "wall:2" and seen.metric
+
+
+@pytest.mark.parametrize("missing", [("truth",), ("0/ir_left", "0/ir_right")])
+def test_what_shows_no_surface_has_none(missing: tuple[str, ...], small_set: Path) -> None:
+    scene = _first(small_set)
+    for name in missing:
+        (scene.path / f"{name}.png").unlink()
+    seen = observation.load(scene, scene.info.geometry_into(sensors.load("d415")))
+    assert seen.scene is None
+    with pytest.raises(InputError, match=r"scene a must have a surface; got none\. Capture"):
+        _ = seen.stage
+
+
+def test_a_surface_is_set_up_once(small_set: Path) -> None:
+    """And anew for another surface."""
+    scene = _first(small_set)
+    seen = observation.load(scene, scene.info.geometry_into(sensors.load("d415")))
+    assert seen.stage is seen.stage and seen.stage.scene is seen.scene
+    other = dataclasses.replace(seen, name="b")
+    assert other.stage is not seen.stage
+
+
+def test_no_scene_is_refused() -> None:
+    with pytest.raises(InputError, match="captures must hold a scene; got none"):
+        observation.read_all([])

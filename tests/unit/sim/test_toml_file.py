@@ -1,0 +1,43 @@
+"""TOML files that users write: read, or refused by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from patterns import InputError, errors
+from sim import toml_file
+
+
+def _width(table: dict[str, Any]) -> int:
+    if "width" not in table:
+        raise errors.refuse("width", "must be given", "nothing", "Give it.")
+    return table["width"]
+
+
+def test_a_file_becomes_what_is_built_of_its_table(tmp_path: Path) -> None:
+    path = tmp_path / "box.toml"
+    path.write_text("width = 3")
+    assert toml_file.read(path, _width) == 3
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, r"^box.toml must be readable; got .*box.toml. No such file"),
+        (b"width", r"^box.toml must be TOML; got .*box.toml. "),
+        (b"width = '\xff'", r"^box.toml must be TOML; got .*box.toml. "),
+        (b"a = " + b"[" * 10_000, r"^box.toml must be TOML; got .*box.toml. "),
+        (b"", r"^\S*box.toml: width must be given; got nothing. Give it."),
+    ],
+)
+def test_what_cannot_be_read_is_refused(
+    content: bytes | None, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "box.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        toml_file.read(path, _width)
