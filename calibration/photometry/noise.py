@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from calibration.observation import Observation
+from calibration.photometry.blocks import BLOCK_PX, blocks, quietest, quietest_by_chance
 from calibration.photometry.light_model import Prediction
 from calibration.photometry.photometry_open import EVEN
 from calibration.photometry.photon_transfer import fit_photon_transfer
-from calibration.photometry.speckle_contrast import SPECKLE, fit_speckle
+from calibration.photometry.speckle_contrast import SPECKLE, fit_speckle, speckle_bound
 from calibration.result import Estimate, Solution
 from sim import sensor_edits
 from sim.sensor import Sensor
@@ -21,8 +21,6 @@ from sim.sensor import Sensor
 _PHOTON = ("left.full_well_e", "left.read_noise_e", "left.smoothing_px")
 _UNITS = ("electrons", "electrons", "px")
 _WIDEST_PX = 3.0  # Averaging, as far as neighbours tell.
-_BLOCK_PX = 8
-_QUIETEST = 0.1  # Share of the blocks of about one level that vary least.
 _NEAR = 0.3  # Share of the blocks whose level counts as the median.
 
 
@@ -69,9 +67,11 @@ def fit_noise(
         )
     else:
         if np.isinf(grain.sd):
+            most = speckle_bound(predictions, fitted)
             open_.append(
-                f"{SPECKLE} is open: what the fit leaves over allows any contrast from 0 to 1; "
-                "capture an even wall that fills the image, with less ambient light."
+                f"{SPECKLE} is open: texture and dots not quite as predicted leave more over than "
+                f"speckle can (at most {most:.2g}, from the quietest places); capture an even wall "
+                "that fills the image, with less ambient light."
             )
         estimates.append(grain)
         covariance = np.pad(covariance, (0, 1))
@@ -119,25 +119,15 @@ def noise_bound_dn(prediction: Prediction) -> float:
     Returns:
         The bound; NaN where no block is whole.
     """
-    residual = _blocks(np.where(prediction.used, prediction.residual_dn, np.nan))
-    level = _blocks(prediction.signal_dn).mean(axis=1)
+    residual = blocks(np.where(prediction.used, prediction.residual_dn, np.nan))
+    level = blocks(prediction.signal_dn).mean(axis=1)
     whole = np.isfinite(residual).all(axis=1)
     if not whole.any():
         return float("nan")
     residual, level = residual[whole], level[whole]
     off = np.abs(level - np.median(level))
     variance = residual[off <= np.quantile(off, _NEAR)].var(axis=1, ddof=1)
-    freedom = _BLOCK_PX**2 / 4 - 1
-    chance = stats.chi2.ppf(_QUIETEST, freedom) / freedom
-    return float(np.sqrt(np.quantile(variance, _QUIETEST) / chance))
-
-
-def _blocks(image: NDArray) -> NDArray:
-    """Pixels of each block (n, 64); what does not fill one is left out."""
-    rows, columns = (size // _BLOCK_PX for size in image.shape)
-    cut = image[: rows * _BLOCK_PX, : columns * _BLOCK_PX]
-    cut = cut.reshape(rows, _BLOCK_PX, columns, _BLOCK_PX).swapaxes(1, 2)
-    return cut.reshape(rows * columns, -1)
+    return float(np.sqrt(quietest(variance) / quietest_by_chance(BLOCK_PX**2)))
 
 
 def _both(sensor: Sensor, estimates: Sequence[Estimate]) -> Sensor:

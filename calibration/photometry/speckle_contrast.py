@@ -13,8 +13,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from calibration.photometry import tiles
+from calibration.photometry.blocks import blocks, quietest, quietest_by_chance
 from calibration.photometry.levels import part
 from calibration.photometry.light_model import Prediction
 from calibration.photometry.photometry_open import EVEN
@@ -26,6 +28,8 @@ from sim.sensor import Sensor
 SPECKLE = "projector.speckle_contrast"
 
 _LAGS = 3  # Pixels to which speckle's own correlation is followed.
+_BRIGHTEST = 0.3  # Share of the blocks with most laser light, where speckle shows.
+_SURE = 2.0  # Deviations by which a contrast is above what the quietest places allow.
 
 
 def fit_speckle(
@@ -39,9 +43,10 @@ def fit_speckle(
         frames: that each captured image is the mean of.
 
     Returns:
-        The estimate, an upper bound where geometry or pattern are not quite right; the sensor's own
-        value with an infinite deviation where the images say no more than the range of 0 to 1; None
-        where no image has laser light whose dots are where they were predicted.
+        The estimate, an upper bound where geometry or pattern are not quite right. Where the images
+        say no more than the range of 0 to 1, or less is left at the quietest places than the
+        contrast needs, the sensor's own value, or what those places allow, with an infinite
+        deviation. None where no image has laser light whose dots are where they were predicted.
     """
     rows, outs, groups = [], [], []
     for number, prediction in enumerate(
@@ -63,15 +68,61 @@ def fit_speckle(
     value, sd = _line(table, used, cluster)
     contrast = float(np.sqrt(max(value, 0.0)))
     deviation = float(sd / (2 * contrast)) if value > sd else float(np.sqrt(sd))
-    start = sensor.projector.speckle_contrast
-    told = deviation <= EVEN
+    start, most = sensor.projector.speckle_contrast, speckle_bound(predictions, sensor)
+    told = deviation <= EVEN and contrast - _SURE * deviation <= most
     return Estimate(
         name=SPECKLE,
-        value=min(contrast, 1.0) if told else start,
+        value=min(contrast, 1.0) if told else min(start, most),
         sd=deviation if told else np.inf,
         unit="1",
         start=start,
     )
+
+
+def speckle_bound(predictions: Sequence[Prediction], sensor: Sensor) -> float:
+    """Contrast that speckle has at most, by the places where residuals are smallest.
+
+    Texture, and dots that are not quite as predicted, leave residuals that grow with the laser's
+    light as speckle's do, but not everywhere; speckle is everywhere.
+
+    Args:
+        predictions: of `fit_photometry`, projector on.
+        sensor: as fitted: what noise is to be expected beside.
+
+    Returns:
+        The contrast at which the quietest tenth of blocks of 8 px is as quiet as chance makes it;
+        1 where there is no block.
+    """
+    seen, noise, laser, pixels = [], [], [], []
+    for prediction in (p for p in predictions if p.on and p.dots):
+        residual = np.where(prediction.used, _without_trend(prediction), np.nan)
+        imager = part(sensor, prediction.side)
+        gain = imager.dn_per_electron
+        floor = (gain * imager.read_noise_e) ** 2 + 1 / 12
+        images = (residual, floor + gain * np.maximum(prediction.signal_dn, 0))
+        variance, expected = (blocks(image) for image in images)
+        squared = blocks(_kept(prediction, sensor))
+        whole = np.isfinite(variance).all(axis=1)
+        seen.append(variance[whole].var(axis=1, ddof=1))
+        noise.append(expected[whole].mean(axis=1))
+        laser.append(squared[whole].mean(axis=1))
+        square = np.maximum((squared[whole] ** 2).sum(axis=1), 1e-12)
+        pixels.append(squared[whole].sum(axis=1) ** 2 / square)
+    if not sum(map(len, seen)):
+        return 1.0
+    found, quiet, light = (np.concatenate(one) for one in (seen, noise, laser))
+    bright = light >= np.quantile(light, 1 - _BRIGHTEST)
+    found, quiet, light = found[bright], quiet[bright], light[bright]
+    chance = quietest_by_chance(float(np.median(np.concatenate(pixels)[bright])))
+
+    def surplus(contrast: float) -> float:
+        return quietest(found / (quiet + contrast**2 * light)) - chance
+
+    if surplus(0.0) <= 0:
+        return 0.0
+    if surplus(1.0) >= 0:
+        return 1.0
+    return float(optimize.root_scalar(surplus, bracket=(0.0, 1.0)).root)
 
 
 def _line(table: NDArray, used: NDArray, cluster: NDArray) -> tuple[float, float]:

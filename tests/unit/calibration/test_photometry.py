@@ -18,7 +18,7 @@ from calibration.photometry import noise
 from calibration.photometry.noise import fit_noise, noise_bound_dn
 from calibration.photometry.photometry_fit import PARAMETERS, Photometry, fit_photometry
 from calibration.photometry.photon_transfer import fit_photon_transfer
-from calibration.photometry.speckle_contrast import SPECKLE, fit_speckle
+from calibration.photometry.speckle_contrast import SPECKLE, fit_speckle, speckle_bound
 from patterns.errors import InputError
 from sim import capture_writer, render, sensor_edits, sensors, simulate
 from sim.imager.exposure import Exposure
@@ -237,8 +237,26 @@ def test_noise_of_a_whole_capture() -> None:
     values = {estimate.name: estimate.value for estimate in solution.estimates}
     assert values["left.full_well_e"] == pytest.approx(14_000.0, rel=0.05)
     assert values["projector.speckle_contrast"] == pytest.approx(0.2, rel=0.1)
+    assert 0.16 < speckle_bound(fit.predictions, solution.sensor) < 0.4
     assert solution.sensor.right.full_well_e == values["left.full_well_e"]
     assert solution.covariance.shape == (len(solution.estimates),) * 2
+
+
+def test_texture_is_not_taken_for_speckle() -> None:
+    """Residuals of half the image that grow with the laser's light are not everywhere."""
+    fit = fit_photometry([observed()], START, layers=fitted_layers())
+    rng = np.random.default_rng(0)
+    textured = []
+    for one in fit.predictions:
+        more = one.laser_dn * rng.standard_normal(one.laser_dn.shape)
+        more[:, more.shape[1] // 2 :] = 0
+        textured.append(
+            dataclasses.replace(one, residual_dn=one.residual_dn + more.astype(np.float32))
+        )
+    found = fit_speckle(textured, fit.solution.sensor)
+    assert found is not None and np.isinf(found.sd)
+    assert found.value <= speckle_bound(textured, fit.solution.sensor) < 0.5
+    assert speckle_bound([], fit.solution.sensor) == 1.0
 
 
 def test_single_images_bound_the_noise() -> None:

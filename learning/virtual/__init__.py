@@ -1,0 +1,1 @@
+"""A virtual real camera: what scenes of a true device would be, with the truth known."""
