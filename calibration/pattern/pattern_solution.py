@@ -105,7 +105,8 @@ def _rows(recovered: Recovered, sensor: Sensor) -> list[_Row]:
             for other in range(count):
                 weights |= place(other, axes[:, i] * ((other == number) - 1 / count))
             at = f"projector.emitters.{number}.offset_m.{axis}"
-            rows.append((at, float(offset[i]), "m", 0.0, slope(weights)))
+            begun = part.emitters[number].offset_m[i] if len(part.emitters) == count else 0.0
+            rows.append((at, float(offset[i]), "m", begun, slope(weights)))
     rest, old = model.alignment, sensor.right.alignment
     turned = -float(np.degrees(1 / sensor.fx_px))
     rows += [

@@ -156,6 +156,18 @@ def test_positions_are_the_emitters(sensor: Sensor) -> None:
         np.testing.assert_allclose(place, one.position_m, atol=1e-12)
 
 
+def test_emitters_begin_where_the_sensor_has_as_many(sensor: Sensor) -> None:
+    light = dataclasses.replace(sensor.projector, emitters=())
+    one = dataclasses.replace(sensor, projector=light)
+    for begun, offsets in (
+        (sensor, [e.offset_m[0] for e in sensor.projector.emitters]),
+        (one, [0, 0]),
+    ):
+        estimates = {e.name: e for e in _solution(MODELS["lattices"], begun).estimates}
+        starts = [estimates[f"projector.emitters.{n}.offset_m.x"].start for n in range(2)]
+        assert starts == offsets
+
+
 def test_lattices_are_told_by_cycles_and_angle(sensor: Sensor) -> None:
     found = {one.name: one for one in _solution(MODELS["lattices"], sensor).derived}
     assert found["emitter0.lattice.0.cycles"].value == pytest.approx(1 / 0.0123)
