@@ -30,6 +30,7 @@ LIBRARY_ROOMS = {
     "mitsuba": {"sim"},
     "drjit": {"sim", "calibration"},
     "torch": {"learning"},
+    "sklearn": {"learning"},
 }
 # The files that make pictures, and which pictures.
 PICTURE_MAKERS: dict[str, str] = {
@@ -37,7 +38,7 @@ PICTURE_MAKERS: dict[str, str] = {
     "sim/panels.py": "the panels",
     "sim/sweep_picture.py": "the curves of a sweep",
 }
-HEAVY = ("mitsuba", "drjit", "torch", "cv2", "matplotlib", "scipy", "numba")
+HEAVY = ("mitsuba", "drjit", "torch", "sklearn", "cv2", "matplotlib", "scipy", "numba")
 LONGEST_FILE = 400
 
 

@@ -1,0 +1,1 @@
+"""How well probabilities of no-depth pixels hold: ranking, sharpness, calibration, intervals."""

@@ -1,0 +1,95 @@
+"""Points and normals of the surfaces in a depth image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from learning.example import Image, Mask
+from learning.geometry import planes
+from sim.capture_info import CaptureInfo
+
+Points = NDArray[np.float64]
+
+_STEP_PX = 0.6  # Disparity of one surface differs by no more than this [px],
+_STEEPEST = 0.35  # plus this per pixel in between: an incidence of 77 degrees at 0.7 m.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Cloud:
+    """Points of a surface in the left imager's frame."""
+
+    point_m: Points  # (n, 3)
+    normal: Points  # (n, 3) unit, towards the imager.
+
+    def __len__(self) -> int:
+        return len(self.point_m)
+
+    def rows(self) -> NDArray[np.float32]:
+        """Points and normals side by side (n, 6), as OpenCV's `ppf_match_3d` takes them."""
+        return np.hstack([self.point_m, self.normal]).astype(np.float32)
+
+    def moved(self, scene_from_cloud: Points) -> Cloud:
+        """The cloud after a rigid motion (4, 4)."""
+        rotation = scene_from_cloud[:3, :3]
+        return Cloud(
+            point_m=self.point_m @ rotation.T + scene_from_cloud[:3, 3],
+            normal=self.normal @ rotation.T,
+        )
+
+
+def unproject(depth_m: Image, info: CaptureInfo) -> Points:
+    """Points (h, w, 3) [m] in the left frame of a depth image (h, w); NaN where it is."""
+    y, x = np.indices(depth_m.shape, np.float64)
+    ray = [(x - info.cx_px) / info.fx_px, (y - info.cy_px) / info.fy_px, np.ones_like(x)]
+    return np.stack(ray, axis=-1) * np.asarray(depth_m, np.float64)[..., None]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Surface:
+    """What a depth image shows, per pixel; NaN where it has no depth."""
+
+    point_m: NDArray[np.float32]  # (h, w, 3)
+    normal: NDArray[np.float32]  # (h, w, 3) unit, towards the imager.
+
+    @property
+    def known(self) -> Mask:
+        """Pixels with depth (h, w)."""
+        return np.isfinite(self.point_m[..., 2])
+
+    def cloud(self, pixels: Mask) -> Cloud:
+        """Cloud of the pixels (h, w) that have depth, in row order."""
+        chosen = pixels & self.known
+        return Cloud(
+            point_m=self.point_m[chosen].astype(np.float64),
+            normal=self.normal[chosen].astype(np.float64),
+        )
+
+
+def surface(depth_m: Image, info: CaptureInfo) -> Surface:
+    """Points and normals of a depth image (h, w) [m], NaN where unknown.
+
+    Raises:
+        InputError: if too little of it is known for a single plane.
+    """
+    disparity = info.disparity_px(depth_m)
+    known = np.isfinite(disparity)
+    fitted = planes.surface_planes(disparity, known)
+    y, x = np.indices(depth_m.shape, np.float32)
+    across, down = x - np.float32(info.cx_px), y - np.float32(info.cy_px)
+    # Disparity is f b (n . ray) over the plane's distance: its gradient and value give n.
+    ahead = fitted.disparity_px - fitted.across * across - fitted.down * down
+    towards = [-info.fx_px * fitted.across, -info.fy_px * fitted.down, -ahead]
+    normal = np.stack(towards, axis=-1).astype(np.float32)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal[~known] = np.nan
+    ray = np.stack([across / info.fx_px, down / info.fy_px, np.ones_like(x)], axis=-1)
+    point = ray * np.asarray(depth_m)[..., None]
+    return Surface(point_m=point.astype(np.float32), normal=normal)
+
+
+def one_surface(rise_px: NDArray[np.floating], apart_px: float | Points) -> Mask:
+    """Tell where two pixels lie on one surface, by their disparity's difference and distance."""
+    return np.asarray(np.abs(rise_px) <= _STEP_PX + _STEEPEST * apart_px)

@@ -1,0 +1,155 @@
+"""What a network sees of a scene: images of about unit size, by name."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from learning.example import Example, Image, Physics
+from learning.geometry.filled import filled
+from learning.geometry.planes import fit_planes, incidence_cosine
+from patterns import errors
+from sim.capture_info import CaptureInfo
+from sim.pinhole import Pinhole
+from sim.reason import Reason
+
+PLANE_RADIUS_PX = 3  # Normals are taken over 7x7 pixels.
+LOGIT_SCALE = 0.25  # A power of two, so that the logit is got back exactly.
+PRIOR_DRAWS = 0.5  # Jeffreys' prior: half a draw with depth and half a one without.
+
+# Disparities stay in pixels whatever the camera: windows, occlusions and noise are measured in it.
+GEOMETRY: dict[str, str] = {
+    "disparity": "reference disparity / 32 px, unknown pixels as the nearest known",
+    "known": "1 where the reference is known",
+    "across": "disparity gradient along the row [px / px]",
+    "down": "along the column",
+    "incidence": "cosine between normal and ray; 1 = facing the camera",
+    "column": "column / 1280 px",
+    "right_column": "column in the right image / 32 px, within one: below 0 it lies outside",
+}
+REFLECTANCE: dict[str, str] = {"reflectance": "near-infrared, 0 to 1, its square root"}
+PHYSICS: dict[str, str] = {
+    "logit": "logit of the smoothed share of draws without depth, times `LOGIT_SCALE`",
+    "infrared": "simulated left image, its square root",
+    "contrast": "local deviation over mean",
+    "disparity_error": "simulated less reference disparity / 4 px, within one; 0 where unknown",
+    "matched": "1 where a draw has a disparity",
+}
+REASONS: dict[str, tuple[Reason, ...]] = {
+    "reason_border": (Reason.NO_SURFACE, Reason.OUTSIDE_OVERLAP),
+    "reason_occluded": (Reason.OCCLUDED, Reason.LEFT_RIGHT),
+    "reason_shadowed": (Reason.SHADOWED,),
+    "reason_signal": (Reason.LOW_SIGNAL, Reason.SUPPORT),
+    "reason_saturated": (Reason.SATURATED,),
+    "reason_ambiguous": (Reason.AMBIGUOUS,),
+    "reason_filtered": (Reason.SPECKLE, Reason.POST_FILTER, Reason.OUT_OF_RANGE, Reason.UNKNOWN),
+}
+ODD = ("down",)  # Change sign when the image is turned upside down.
+
+
+def names(*, with_reflectance: bool, with_physics: bool) -> tuple[str, ...]:
+    """Channels in their order."""
+    reflectance = tuple(REFLECTANCE) if with_reflectance else ()
+    physics = (*PHYSICS, *REASONS) if with_physics else ()
+    return (*GEOMETRY, *reflectance, *physics)
+
+
+def channels(example: Example, *, with_reflectance: bool, with_physics: bool) -> Image:
+    """Stack what a network sees, (c, h, w) in the order of `names`.
+
+    Raises:
+        InputError: if nothing is known of the reference, or what is asked for is missing or of
+            another size than the geometry says.
+    """
+    check_size(example.info, "depth_m", example.depth_m)
+    seen = _geometry(example)
+    if with_reflectance:
+        seen |= {"reflectance": np.sqrt(_reflectance(example))}
+    if with_physics:
+        seen |= _physics(_given_physics(example), seen["disparity"] * np.float32(32))
+    order = names(with_reflectance=with_reflectance, with_physics=with_physics)
+    return np.stack([seen[name] for name in order], dtype=np.float32)
+
+
+def check_size(info: CaptureInfo, name: str, image: NDArray) -> None:
+    """Refuse an image of another size than the geometry says.
+
+    Raises:
+        InputError: if it is.
+    """
+    if image.shape != info.shape:
+        rule = f"must be {info.width}x{info.height} as the geometry says"
+        raise errors.refuse(name, rule, f"shape {image.shape}", "Correct the one that is wrong.")
+
+
+def smoothed_share(physics: Physics) -> Image:
+    """Probability (h, w) of no depth from k of n draws: (k + a) / (n + 2 a), a = 1/2.
+
+    Never 0 or 1: so few draws cannot be that sure. Source: Jeffreys' prior of a proportion; Brown,
+    Cai and DasGupta, Interval estimation for a binomial proportion, Statistical Science 2001.
+
+    Raises:
+        InputError: if there is no draw.
+    """
+    errors.in_interval("draws", physics.draws, 1, 1_000_000, "Simulate at least once.")
+    without = physics.ndp.astype(np.float64) * physics.draws
+    return ((without + PRIOR_DRAWS) / (physics.draws + 2 * PRIOR_DRAWS)).astype(np.float32)
+
+
+def _geometry(example: Example) -> dict[str, Image]:
+    camera = Pinhole.of(example.info)
+    disparity = example.info.disparity_px(example.depth_m)
+    known = np.isfinite(disparity)
+    disparity = filled(disparity, known)
+    planes = fit_planes(disparity, known, PLANE_RADIUS_PX)
+    column = np.broadcast_to(np.arange(camera.width, dtype=np.float32), disparity.shape)
+    return {
+        "disparity": disparity / np.float32(32),
+        "known": known.astype(np.float32),
+        "across": np.clip(planes.across, -2, 2),
+        "down": np.clip(planes.down, -2, 2),
+        "incidence": incidence_cosine(planes, camera),
+        "column": column / np.float32(1280),
+        "right_column": np.clip((column - disparity) / np.float32(32), -1, 1),
+    }
+
+
+def _reflectance(example: Example) -> Image:
+    if example.reflectance is None:
+        rule = "must be given to a method that was asked to use it"
+        remedy = "Take captures with infrared images, or a method without reflectance."
+        raise errors.refuse("reflectance", rule, f"none for {example.scene}", remedy)
+    check_size(example.info, "reflectance", example.reflectance)
+    reflectance = filled(example.reflectance, np.isfinite(example.reflectance))
+    return np.clip(reflectance, 0, 1)
+
+
+def _given_physics(example: Example) -> Physics:
+    if example.physics is None:
+        rule = "must be given to a method that builds on it"
+        raise errors.refuse("physics", rule, f"none for {example.scene}", "Simulate the scene.")
+    for name in ("ndp", "infrared", "contrast", "disparity_px", "reason"):
+        image = getattr(example.physics, name)
+        check_size(example.info, f"physics {name}", image)
+        missing = int(np.count_nonzero(~np.isfinite(image)))
+        if missing and name != "disparity_px":
+            found = f"{missing} pixels in {example.scene} that are not"
+            raise errors.refuse(f"physics {name}", "must be finite", found, "Simulate again.")
+    return example.physics
+
+
+def _physics(physics: Physics, reference_px: Image) -> dict[str, Image]:
+    share = smoothed_share(physics)
+    matched = np.isfinite(physics.disparity_px)
+    error = np.where(matched, physics.disparity_px - reference_px, 0)
+    found = {
+        "logit": (np.log(share) - np.log1p(-share)) * np.float32(LOGIT_SCALE),
+        "infrared": np.sqrt(np.clip(physics.infrared, 0, 1)),
+        "contrast": np.clip(physics.contrast, 0, 2),
+        "disparity_error": np.clip(error / np.float32(4), -1, 1),
+        "matched": matched.astype(np.float32),
+    }
+    reasons = {
+        name: np.isin(physics.reason, codes).astype(np.float32) for name, codes in REASONS.items()
+    }
+    return found | reasons

@@ -1,0 +1,74 @@
+"""Fitting a network that gives logits of no depth, whatever it is built of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from torch import nn
+
+from learning.example import Example, Mask
+from learning.training import samples as drawing
+from learning.training import weights
+from learning.training.channels import ODD, channels, names
+from learning.training.learner import HoleLearner, initialised, log_loss
+from learning.training.loop import train
+from learning.training.settings import Settings
+from sim import progress
+
+
+def fit_hole_network(
+    examples: Sequence[Example],
+    build: Callable[[float], nn.Module],
+    settings: Settings,
+    *,
+    name: str,
+    with_reflectance: bool,
+    with_physics: bool,
+    folder: Path,
+    seed: int,
+    tell: progress.Progress,
+) -> nn.Module:
+    """Learn, or go on with what lies in the folder, and leave the weights there.
+
+    Args:
+        examples: at least one.
+        build: makes the network from the share of holes, 0 to 1.
+        settings: steps, batches and rates.
+        name: the method's.
+        with_reflectance: whether it sees the smoothed infrared image.
+        with_physics: whether it sees the simulator's answers.
+        folder: gets checkpoint, loss curve and weights.
+        seed: fixes first weights and crops.
+        tell: wraps loops that take long.
+
+    Raises:
+        InputError: as `learning.training.samples.collect` and `learning.training.loop.train`.
+    """
+    seen = names(with_reflectance=with_reflectance, with_physics=with_physics)
+    samples = drawing.collect(
+        examples,
+        partial(channels, with_reflectance=with_reflectance, with_physics=with_physics),
+        odd=tuple(seen.index(channel) for channel in ODD),
+        wanted=_ndp,
+        tell=tell,
+    )
+    network = initialised(partial(build, drawing.share(samples)), seed)
+    learnt = train(
+        HoleLearner(network, settings),
+        samples,
+        settings,
+        kind=f"{name} training",
+        folder=folder,
+        seed=seed,
+        judge=log_loss,
+        tell=tell,
+    )["holes"]
+    weights.save(folder, name, learnt, seen, examples[0].info.shape)
+    return learnt
+
+
+def _ndp(example: Example) -> Mask:
+    return np.asarray(example.ndp)

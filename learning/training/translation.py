@@ -1,0 +1,182 @@
+"""Depth images as image translation sees them: depth in, the same with the device's holes out."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from learning import inference
+from learning.example import Example, Image, Mask
+from learning.training import samples as drawing
+from learning.training import weights
+from learning.training.channels import check_size
+from learning.training.learner import Learner
+from learning.training.loop import train
+from learning.training.samples import Sample, check_same_size
+from learning.training.settings import Settings
+from learning.unet import UNet
+from patterns.errors import refuse
+from sim import progress
+
+UNIT_M = 4.0  # Depth of value 1 in the images [m].
+FARTHEST_M = 16.0  # Greater depths look like this one [m].
+SEEN = ("depth",)
+# The rate of Isola et al. and Zhu et al.; ten times higher the adversaries run away.
+ADVERSARIAL = Settings(steps=3000, batch=4, rate=2e-4)
+
+
+class Translator(nn.Module):
+    """Depth image (b, 1, h, w) to depth image; gives back what it gets before it has learnt."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.unet = UNet(1)
+
+    def forward(self, depth: Tensor) -> Tensor:
+        return depth + self.unet(depth)
+
+
+class PatchDiscriminator(nn.Module):
+    """Logits that patches of 46x46 pixels are real, (b, 1, h / 8, w / 8) or so.
+
+    Source: Isola et al., Image-to-image translation with conditional adversarial networks,
+    CVPR 2017, sec. 3.2.2, here a tenth as wide and without normalisation.
+    """
+
+    def __init__(self, inputs: int) -> None:
+        super().__init__()
+        widths = (inputs, 16, 32, 64)
+        self.layers = nn.ModuleList(
+            nn.Conv2d(above, below, 4, stride=2, padding=1)
+            for above, below in itertools.pairwise(widths)
+        )
+        self.last = nn.Conv2d(widths[-1], 1, 4, padding=2)
+
+    def forward(self, image: Tensor) -> Tensor:
+        for layer in self.layers:
+            image = functional.leaky_relu(layer(image), 0.2)
+        return self.last(image)
+
+
+def judged(logit: Tensor, real: bool) -> Tensor:
+    """Squared distance () from the verdict (Mao et al., Least squares GANs, ICCV 2017)."""
+    return ((logit.float() - float(real)) ** 2).mean()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TranslationPredictor:
+    """A translator; its answer is always the same, so its probabilities are no frequencies."""
+
+    network: nn.Module
+    shape: tuple[int, int]  # (h, w) learnt from.
+
+    def depth_m(self, example: Example) -> Image:
+        """The device's depth (h, w) [m] as the network draws it, below 0 and all.
+
+        Raises:
+            InputError: if the example has another size than was learnt from.
+        """
+        check_same_size(example, self.shape)
+        return inference.apply(self.network, depth_image(example)) * np.float32(UNIT_M)
+
+    def probability(self, example: Example) -> Image:
+        """How far each depth has gone from the reference towards zero, (h, w), 0 to 1.
+
+        From 0.5 on, nearer to zero than to the reference, the seed's yes or no says no depth. Where
+        the reference is unknown there is nothing to lose: 1.
+
+        Raises:
+            InputError: if the example has another size than was learnt from.
+        """
+        drawn = self.depth_m(example)
+        reference = depth_image(example)[0] * np.float32(UNIT_M)
+        known = reference > 0
+        kept = np.where(known, drawn, 0) / np.where(known, reference, 1)
+        return (1 - np.clip(kept, 0, 1)).astype(np.float32)
+
+
+def depth_image(example: Example) -> Image:
+    """Reference depth (1, h, w), 1 at `UNIT_M`; 0 where unknown, as devices write it.
+
+    Raises:
+        InputError: if it has another size than the geometry says, or nothing is known.
+    """
+    check_size(example.info, "depth_m", example.depth_m)
+    known = np.isfinite(example.depth_m)
+    if not known.any():
+        raise refuse("reference depth", "must be known somewhere", "no pixel", "Check truth.png.")
+    depth = np.where(known, np.minimum(example.depth_m, FARTHEST_M), 0)
+    return (depth / UNIT_M).astype(np.float32)[None]
+
+
+def fit_translation(
+    examples: Sequence[Example],
+    learner: Learner,
+    generator: str,
+    settings: Settings,
+    *,
+    name: str,
+    folder: Path,
+    seed: int,
+    tell: progress.Progress,
+) -> TranslationPredictor:
+    """Learn, or go on with what lies in the folder, and leave the generator's weights there.
+
+    Args:
+        examples: at least one; what should come out is the reference depth with the device's
+            holes at 0.
+        learner: the adversaries.
+        generator: which of its networks is used in the end.
+        settings: steps, batches and rates.
+        name: the method's.
+        folder: gets checkpoint, loss curve and weights.
+        seed: fixes the crops.
+        tell: wraps loops that take long.
+
+    Raises:
+        InputError: as `learning.training.samples.collect` and `learning.training.loop.train`.
+    """
+    samples = _samples(examples, tell)
+    kind = f"{name} training"
+    learnt = train(learner, samples, settings, kind=kind, folder=folder, seed=seed, tell=tell)
+    shape = examples[0].info.shape
+    weights.save(folder, name, learnt[generator], SEEN, shape)
+    return TranslationPredictor(learnt[generator], shape)
+
+
+def load_translation(folder: Path, name: str) -> TranslationPredictor:
+    """Read what `fit_translation` has left in a folder.
+
+    Raises:
+        InputError: as `learning.training.weights.load`.
+    """
+    network = Translator()
+    shape = weights.load(folder, name, network, SEEN)
+    return TranslationPredictor(network, shape)
+
+
+def _samples(examples: Sequence[Example], tell: progress.Progress) -> list[Sample]:
+    def wanted(example: Example) -> Image:
+        ndp: Mask = np.asarray(example.ndp)
+        return np.where(ndp, 0, depth_image(example)[0])
+
+    return drawing.collect(examples, depth_image, odd=(), wanted=wanted, tell=tell)
+
+
+def linear_decay(step: int, settings: Settings) -> float:
+    """Learning rate: even for the first half, then straight to 0 (as Zhu et al., ICCV 2017)."""
+    return settings.rate * min(1.0, 2 * (1 - step / settings.steps))
+
+
+def descend(optimizer: torch.optim.Optimizer, loss: Tensor) -> None:
+    """One step down the loss."""
+    optimizer.zero_grad()
+    loss.backward()
+    optimizer.step()

@@ -1,0 +1,136 @@
+"""What networks see of a scene."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from learning.example import Example
+from learning.training import channels as seeing
+from patterns.errors import InputError
+from sim.reason import Reason
+from tests.unit.learning.step_scenes import INFO, SHAPE, step_scene
+
+
+def _channel(example: Example, name: str) -> np.ndarray:
+    everything = {"with_reflectance": True, "with_physics": True}
+    return seeing.channels(example, **everything)[seeing.names(**everything).index(name)]
+
+
+def _with_physics(example: Example, **changes: Any) -> Example:
+    assert example.physics is not None
+    return dataclasses.replace(example, physics=dataclasses.replace(example.physics, **changes))
+
+
+def test_a_slanted_plane_has_its_gradient_and_incidence() -> None:
+    """A plane n . x = 1 is d = f b (n_x u + n_y v + n_z) in rays (u, v): all is known."""
+    u = (np.arange(SHAPE[1]) - INFO.cx_px) / INFO.fx_px
+    v = ((np.arange(SHAPE[0]) - INFO.cy_px) / INFO.fy_px)[:, None]
+    normal = np.array([0.5, -0.25, 1.0])
+    inverse = normal[0] * u + normal[1] * v + normal[2]
+    example = dataclasses.replace(step_scene(0), depth_m=(1 / inverse).astype(np.float32))
+    fb = INFO.focal_baseline_px_m
+    inner = (slice(4, -4), slice(4, -4))
+    across, down = (_channel(example, name)[inner] for name in ("across", "down"))
+    np.testing.assert_allclose(across, fb * normal[0] / INFO.fx_px, atol=1e-5)
+    np.testing.assert_allclose(down, fb * normal[1] / INFO.fy_px, atol=1e-5)
+    np.testing.assert_allclose(_channel(example, "disparity"), fb * inverse / 32, rtol=1e-5)
+    cosine = inverse / np.linalg.norm(normal) / np.sqrt(1 + u**2 + v**2)
+    np.testing.assert_allclose(_channel(example, "incidence")[inner], cosine[inner], atol=1e-4)
+
+
+def test_turning_the_scene_upside_down_turns_the_channels_and_the_signs_of_the_odd_ones() -> None:
+    """What the augmentation takes for granted; the principal point lies in the middle."""
+    example = step_scene(3)
+    slanted = example.depth_m * np.linspace(1, 1.2, SHAPE[0], dtype=np.float32)[:, None]
+    example = dataclasses.replace(example, depth_m=slanted)
+    turned = dataclasses.replace(example, depth_m=slanted[::-1])
+    alone = {"with_reflectance": False, "with_physics": False}
+    for name, upright, over in zip(
+        seeing.names(**alone),
+        seeing.channels(example, **alone),
+        seeing.channels(turned, **alone),
+        strict=True,
+    ):
+        sign = -1 if name in seeing.ODD else 1
+        np.testing.assert_allclose(over, sign * upright[::-1], atol=1e-4, err_msg=name)
+
+
+def test_unknown_reference_and_physics_leave_no_nan() -> None:
+    example = step_scene(1)
+    depth, reflectance = example.depth_m.copy(), np.full(SHAPE, 0.5, np.float32)
+    depth[10:20, 5:30] = np.nan
+    reflectance[:, 3:6] = np.nan
+    example = dataclasses.replace(example, depth_m=depth, reflectance=reflectance)
+    example = _with_physics(example, disparity_px=np.full(SHAPE, np.nan, np.float32))
+    seen = seeing.channels(example, with_reflectance=True, with_physics=True)
+    assert seen.dtype == np.float32
+    assert np.isfinite(seen).all()
+    np.testing.assert_array_equal(_channel(example, "known"), np.isfinite(depth))
+    assert not _channel(example, "matched").any()
+
+
+def test_every_reason_has_one_channel_and_depth_has_none() -> None:
+    listed = list(itertools.chain(*seeing.REASONS.values()))
+    assert sorted(listed) == sorted(set(Reason) - {Reason.VALID})
+
+
+def test_the_right_border_of_the_overlap_changes_sign() -> None:
+    example = step_scene(2)
+    disparity = INFO.disparity_px(example.depth_m)
+    outside = np.arange(SHAPE[1]) < disparity
+    np.testing.assert_array_equal(_channel(example, "right_column") < 0, outside)
+
+
+@given(st.integers(1, 64), st.data())
+def test_smoothed_share_is_that_of_half_a_draw_more_each(draws: int, data: st.DataObject) -> None:
+    k = data.draw(st.integers(0, draws))
+    physics = step_scene(0).physics
+    assert physics is not None
+    share = np.full(SHAPE, k / draws, np.float32)
+    smoothed = seeing.smoothed_share(dataclasses.replace(physics, ndp=share, draws=draws))
+    np.testing.assert_allclose(smoothed, (k + 0.5) / (draws + 1), rtol=1e-5)
+    assert ((smoothed > 0) & (smoothed < 1)).all()
+
+
+def test_refuses_no_draws() -> None:
+    with pytest.raises(InputError, match=r"draws must be in \[1, .*; got 0. Simulate"):
+        example = _with_physics(step_scene(0), draws=0)
+        seeing.channels(example, with_reflectance=False, with_physics=True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"depth_m": np.ones((8, 9), np.float32)}, "depth_m must be 64x48"),
+        ({"depth_m": np.full(SHAPE, np.nan, np.float32)}, "must be known somewhere"),
+        ({"reflectance": None}, "reflectance must be given"),
+        ({"reflectance": np.ones((8, 9), np.float32)}, "reflectance must be 64x48"),
+        ({"physics": None}, "physics must be given"),
+    ],
+)
+def test_refuses_what_is_missing_or_of_another_size(changes: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        example = dataclasses.replace(step_scene(0), **changes)
+        seeing.channels(example, with_reflectance=True, with_physics=True)
+
+
+@pytest.mark.parametrize("name", ["ndp", "infrared", "contrast"])
+def test_refuses_physics_that_is_no_number(name: str) -> None:
+    image = np.full(SHAPE, 0.5, np.float32)
+    image[3, 4] = np.nan
+    with pytest.raises(InputError, match=f"physics {name} must be finite.*1 pixels in scene0"):
+        example = _with_physics(step_scene(0), **{name: image})
+        seeing.channels(example, with_reflectance=False, with_physics=True)
+
+
+def test_refuses_physics_of_another_size() -> None:
+    example = _with_physics(step_scene(0), contrast=np.ones((8, 9), np.float32))
+    with pytest.raises(InputError, match="physics contrast must be 64x48"):
+        seeing.channels(example, with_reflectance=False, with_physics=True)

@@ -1,0 +1,101 @@
+"""Files of learnt weights: whole or refused."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+import torch
+from torch import nn
+
+from learning import checkpoint
+from patterns.errors import InputError
+
+CONTENT = {"weights": {"a": torch.arange(4000.0)}, "step": 3, "names": ["x", "y"]}
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    checkpoint.save(tmp_path / "new folder" / "kept.pt", "network", CONTENT)
+    return tmp_path / "new folder" / "kept.pt"
+
+
+def test_gives_back_what_was_saved(path: Path) -> None:
+    content = checkpoint.load(path, "network")
+    assert torch.equal(content["weights"]["a"], CONTENT["weights"]["a"])
+    assert content["step"] == 3
+    assert content["names"] == ["x", "y"]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.999])
+def test_refuses_a_truncated_file(path: Path, share: float) -> None:
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(InputError, match=r"whole file of learnt weights; got .* Train again"):
+        checkpoint.load(path, "network")
+
+
+def test_refuses_a_file_damaged_in_its_middle(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="whole file of learnt weights"):
+        checkpoint.load(path, "network")
+
+
+def test_refuses_what_is_missing(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"must exist; got .*none\.pt\. Train first"):
+        checkpoint.load(tmp_path / "none.pt", "network")
+
+
+def test_refuses_another_version(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checkpoint, "VERSION", 99)
+    with pytest.raises(InputError, match="version must be 99; got 1 in"):
+        checkpoint.load(path, "network")
+
+
+def test_refuses_another_kind(path: Path) -> None:
+    with pytest.raises(InputError, match="must be of 'hybrid'; got 'network' in"):
+        checkpoint.load(path, "hybrid")
+
+
+def test_refuses_weights_of_somebody_else(path: Path) -> None:
+    torch.save({"weights": torch.zeros(2)}, path)
+    with pytest.raises(InputError, match="written by this program"):
+        checkpoint.load(path, "network")
+
+
+class _Command:
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return os.system, ("exit 1",)
+
+
+def test_runs_no_code_from_a_file(path: Path) -> None:
+    torch.save({"content": _Command()}, path)
+    with pytest.raises(InputError, match="whole file of learnt weights"):
+        checkpoint.load(path, "network")
+
+
+def test_a_failed_write_leaves_the_old_file(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(InputError):
+        checkpoint.save(path, "network", {"step": 4})
+    monkeypatch.undo()
+    assert checkpoint.load(path, "network")["step"] == 3
+    assert [file.name for file in path.parent.iterdir()] == ["kept.pt"]
+
+
+def test_restores_weights_that_fit() -> None:
+    kept, network = nn.Linear(3, 2), nn.Linear(3, 2)
+    checkpoint.restore(network, kept.state_dict())
+    assert torch.equal(network.weight, kept.weight)
+
+
+@pytest.mark.parametrize("other", [nn.Linear(4, 2), nn.Linear(3, 2, bias=False), nn.PReLU()])
+def test_refuses_weights_that_do_not_fit(other: nn.Module) -> None:
+    with pytest.raises(InputError, match=r"checkpoint must have .* of shape"):
+        checkpoint.restore(nn.Linear(3, 2), other.state_dict())

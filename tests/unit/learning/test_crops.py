@@ -1,0 +1,173 @@
+"""Samples and the batches drawn from them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from functools import partial
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from learning.example import Example
+from learning.training import samples as drawing
+from learning.training.samples import Sample
+from patterns.errors import InputError
+from tests.unit.learning.step_scenes import INFO, SHAPE, step_scene
+
+WIDE = (200, 300)
+
+
+def _sample(number: int, shape: tuple[int, int] = WIDE, room: str = "") -> Sample:
+    """Channels: which scene, column, row (odd)."""
+    rows, columns = np.indices(shape, dtype=np.float32)
+    seen = np.stack([np.full(shape, number, np.float32), columns, rows + 1])
+    counted = np.ones(shape, bool)
+    name = f"scene{number}"
+    return Sample(
+        scene=name, room=room or name, seen=seen, odd=(2,), target=rows + 1, counted=counted
+    )
+
+
+SAMPLES = [_sample(number) for number in range(5)]
+_draw = partial(drawing.draw, SAMPLES, count=4, crop_px=(80, 160), seed=0, part="crops")
+
+
+def test_every_scene_is_drawn_equally_often() -> None:
+    drawn = Counter(
+        int(number) for step in range(25) for number in _draw(step=step).seen[:, 0, 0, 0]
+    )
+    assert drawn == {number: 20 for number in range(5)}
+
+
+def test_the_order_is_another_each_time_round() -> None:
+    orders = {tuple(int(x) for x in _draw(count=5, step=i).seen[:, 0, 0, 0]) for i in range(8)}
+    assert len(orders) > 4
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 1000))
+def test_crops_are_turned_upside_down_and_never_mirrored(step: int) -> None:
+    batch = _draw(step=step)
+    assert (batch.seen[:, 1].diff(dim=-1) == 1).all()
+    down = batch.target[:, 0].diff(dim=1)
+    upside_down = down[:, 0, 0] < 0
+    assert (down == torch.where(upside_down, -1.0, 1.0)[:, None, None]).all()
+    # The odd channel went along and changed its sign.
+    odd = batch.seen[:, 2] * torch.where(upside_down, -1.0, 1.0)[:, None, None]
+    assert torch.equal(odd, batch.target[:, 0])
+
+
+def test_about_half_are_turned() -> None:
+    turned = [float(_draw(step=i).target[0, 0, :2, 0].diff()) < 0 for i in range(200)]
+    assert 70 < sum(turned) < 130
+
+
+def test_a_step_draws_the_same_whatever_came_before() -> None:
+    first, again, other = _draw(step=7), _draw(step=7), _draw(step=8)
+    assert torch.equal(first.seen, again.seen)
+    assert torch.equal(first.counted, again.counted)
+    assert not torch.equal(first.seen, other.seen)
+    assert not torch.equal(first.seen, _draw(step=7, part="device").seen)
+    assert not torch.equal(first.seen, _draw(step=7, seed=1).seen)
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 1000))
+def test_pixels_near_a_cut_do_not_count_and_those_at_the_image_border_do(step: int) -> None:
+    batch = _draw(step=step, count=1)
+    rows, columns = batch.target[0, 0] - 1, batch.seen[0, 1]
+    margin_rows, margin_columns = 20, 32  # A quarter of 80, and the most.
+    expected = torch.ones_like(rows, dtype=torch.bool)
+    if rows.min() > 0:
+        expected &= rows >= rows.min() + margin_rows
+    if rows.max() < WIDE[0] - 1:
+        expected &= rows <= rows.max() - margin_rows
+    if columns.min() > 0:
+        expected &= columns >= columns.min() + margin_columns
+    if columns.max() < WIDE[1] - 1:
+        expected &= columns <= columns.max() - margin_columns
+    assert torch.equal(batch.counted[0, 0] > 0, expected)
+
+
+def test_images_smaller_than_a_crop_are_taken_whole() -> None:
+    batch = drawing.draw(
+        [_sample(0, (20, 30))], count=2, crop_px=(80, 160), seed=0, step=0, part="crops"
+    )
+    assert batch.seen.shape == (2, 3, 20, 30)
+    assert batch.counted.all()
+
+
+def test_a_whole_room_is_held_out() -> None:
+    samples = [_sample(number, (4, 4), room=f"room{number // 3}") for number in range(12)]
+    learnt_from, held_out = drawing.split(samples, seed=1)
+    assert len(held_out) == 3
+    assert len(learnt_from) == 9
+    assert not {sample.room for sample in learnt_from} & {sample.room for sample in held_out}
+
+
+def test_the_digest_changes_with_a_pixel_and_a_name() -> None:
+    changed = _sample(0)
+    changed.target[3, 4] += 1
+    other_name = dataclasses.replace(_sample(0), scene="other")
+    numbers = [drawing.digest([sample]) for sample in (_sample(0), changed, other_name)]
+    assert len(set(numbers)) == 3
+    assert drawing.digest([_sample(0)]) == numbers[0]
+
+
+def test_share_weighs_scenes_alike() -> None:
+    few, many = _sample(0, (10, 10)), _sample(1, (10, 10))
+    few.target[:], many.target[:] = 1, 0
+    few.counted[1:] = False
+    assert drawing.share([few, many]) == 0.5
+
+
+def _collect(*examples: Example) -> list[Sample]:
+    def depth(example: Example) -> np.ndarray:
+        return example.depth_m[None]
+
+    return drawing.collect(examples, depth, odd=(), wanted=lambda e: np.asarray(e.ndp))
+
+
+def _all_ndp(value: bool) -> Example:
+    return dataclasses.replace(step_scene(0), ndp=np.full(SHAPE, value))
+
+
+def _of_another_size() -> Example:
+    info = dataclasses.replace(INFO, width=32)
+    images = {"ndp": np.ones((48, 32), bool), "counted": np.ones((48, 32), bool)}
+    depth = np.ones((48, 32), np.float32)
+    return dataclasses.replace(step_scene(1), info=info, depth_m=depth, **images)
+
+
+def test_samples_take_over_what_counts() -> None:
+    (sample,) = _collect(step_scene(0))
+    assert sample.target.dtype == np.float32
+    np.testing.assert_array_equal(sample.target, step_scene(0).ndp)
+    np.testing.assert_array_equal(sample.counted, step_scene(0).counted)
+
+
+@pytest.mark.parametrize(
+    ("examples", "message"),
+    [
+        ([], "examples must be at least one; got 0"),
+        ([_all_ndp(True)], "must be some and not all of the counted ones"),
+        ([_all_ndp(False)], "must be some and not all of the counted ones; got 0 of"),
+        ([dataclasses.replace(step_scene(0), ndp=None)], "must have the device's holes"),
+        ([step_scene(0), _of_another_size()], "size learnt from, 64x48; got 32x48 in scene1"),
+    ],
+)
+def test_refuses_what_cannot_be_learnt_from(examples: list[Example], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        _collect(*examples)
+
+
+def test_refuses_a_truth_of_another_size_than_the_geometry() -> None:
+    small = np.zeros((8, 8), bool)
+    small[0] = True
+    images = {"ndp": small, "counted": np.ones((8, 8), bool), "depth_m": np.ones((8, 8))}
+    with pytest.raises(InputError, match="ndp must be 64x48"):
+        _collect(dataclasses.replace(step_scene(0), **images))

@@ -1,0 +1,98 @@
+"""A disturbed object finds back: conventions of OpenCV's alignment, errors of poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from learning.icp import alignment, cloud, objects
+from learning.icp.alignment import Disturbance
+from patterns.errors import InputError
+from sim.frames import rotation
+from tests.unit.learning.drawn_scene import INFO, depth
+
+CENTRE = np.array([0.1, -0.2, 0.9])
+
+
+@pytest.fixture(scope="module")
+def box() -> objects.Piece:
+    (piece,) = objects.in_room(depth(), INFO, scene="s", room="r")
+    return piece
+
+
+@pytest.mark.parametrize("turn_deg", [(4, -3, 5), (-6, 2, 0)])
+def test_known_motion_is_undone(box, turn_deg):
+    """To 1 mm and 0.3 degrees; `found` moves the model to the scene, its inverse does not."""
+    draw = np.random.default_rng(0)
+    reference = cloud.surface(depth(), INFO)
+    scene = reference.cloud(alignment.scene_pixels(box, reference, draw))
+    motion = np.eye(4)
+    motion[:3, :3] = rotation(turn_deg)
+    motion[:3, 3] = box.centre_m - motion[:3, :3] @ box.centre_m + [0.01, -0.008, 0.012]
+    found = alignment.register(alignment.model_points(box, draw).moved(motion), scene)
+    right = alignment.pose_error(found @ motion, box.centre_m)
+    assert right.position_m < 1e-3
+    assert right.rotation < 1 - np.cos(np.radians(0.3) / 2)
+    wrong = alignment.pose_error(np.linalg.inv(found) @ motion, box.centre_m)
+    assert wrong.position_m > 0.015
+
+
+def test_scene_is_what_lies_within_reach_at_the_same_pixels(box):
+    reference = cloud.surface(depth(), INFO)
+    chosen = alignment.scene_pixels(box, reference, np.random.default_rng(1))
+    np.testing.assert_array_equal(
+        chosen, alignment.scene_pixels(box, reference, np.random.default_rng(1))
+    )
+    away = np.linalg.norm(reference.point_m[chosen] - box.centre_m, axis=1)
+    reach = np.linalg.norm(box.surface.point_m - box.centre_m, axis=1).max()
+    assert away.max() <= reach + alignment.MARGIN_M + 1e-6
+    assert chosen.sum() == pytest.approx(alignment.SCENE_POINTS, rel=0.1)
+
+
+def test_model_is_drawn_from_the_object_in_no_order(box):
+    model = alignment.model_points(box, np.random.default_rng(2))
+    assert len(model) == alignment.MODEL_POINTS
+    height = model.point_m[:, 1]
+    half = len(height) // 2
+    assert abs(height[:half].mean() - height[half:].mean()) < 0.2 * height.std()
+    known = {tuple(point) for point in box.surface.point_m}
+    assert all(tuple(point) in known for point in model.point_m)
+
+
+@given(degrees=st.floats(0, 180), shift=st.floats(0, 0.5), seed=st.integers(0, 1000))
+def test_pose_error_is_the_angles_and_the_centres(degrees, shift, seed):
+    axis, way = np.random.default_rng(seed).normal(size=(2, 3))
+    turned = np.eye(4)
+    turned[:3, :3] = rotation(tuple(degrees * axis / np.linalg.norm(axis)))
+    turned[:3, 3] = CENTRE - turned[:3, :3] @ CENTRE + shift * way / np.linalg.norm(way)
+    error = alignment.pose_error(turned, CENTRE)
+    assert error.position_m == pytest.approx(shift, abs=1e-9)
+    assert error.rotation == pytest.approx(1 - np.cos(np.radians(degrees) / 2), abs=1e-7)
+
+
+def test_disturbances_are_even_up_to_their_limits():
+    """Lengths and angles uniform, mean half the limit (1000 draws: 5 %), ways without a side."""
+    limits, draw = Disturbance(most_m=0.04, most_deg=20), np.random.default_rng(3)
+    moved = [limits.draw(CENTRE, draw) for _ in range(1000)]
+    errors = [alignment.pose_error(motion, CENTRE) for motion in moved]
+    length = np.array([error.position_m for error in errors])
+    angle = 2 * np.degrees(np.arccos(1 - np.array([error.rotation for error in errors])))
+    for value, most in ((length, 0.04), (angle, 20)):
+        assert value.max() <= most * (1 + 1e-6)
+        assert value.mean() == pytest.approx(most / 2, rel=0.05)
+    shift = np.stack([motion[:3, :3] @ CENTRE + motion[:3, 3] - CENTRE for motion in moved])
+    assert np.abs(shift.mean(axis=0)).max() < 0.04 * 0.05
+
+
+def test_no_disturbance_is_no_motion():
+    still = Disturbance(most_m=0, most_deg=0).draw(CENTRE, np.random.default_rng(0))
+    np.testing.assert_allclose(still, np.eye(4), atol=1e-15)
+
+
+def test_disturbances_that_cannot_be_are_refused():
+    with pytest.raises(InputError, match=r"most_m must be in \[0, 1\]; got -0\.1"):
+        Disturbance(most_m=-0.1)
+    with pytest.raises(InputError, match=r"most_deg must be in \[0, 180\]; got 181"):
+        Disturbance(most_deg=181)

@@ -1,0 +1,133 @@
+"""The case study: errors in each method's depth, and how near they come to those in real depth."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from learning.icp import comparison, objects, study
+from learning.icp.alignment import Disturbance
+from learning.icp.study import Outcome
+from patterns.errors import InputError
+from tests.unit.learning.drawn_scene import INFO, depth
+
+SMALL = Disturbance(most_m=0.02, most_deg=8)
+
+
+@pytest.fixture(scope="module")
+def pieces() -> list[objects.Piece]:
+    return objects.in_room(depth(), INFO, scene="s", room="r")
+
+
+def align(pieces: list[objects.Piece], trials: int = 2, seed: int = 0, **images: np.ndarray):
+    return study.align(pieces, depth(), images, INFO, disturbance=SMALL, trials=trials, seed=seed)
+
+
+def test_equal_depth_gives_no_difference(pieces):
+    found = align(pieces, real=depth(), same=depth().copy())
+    compared = comparison.against_real(found["same"], found["real"])
+    assert compared.difference == (0, 0, 0, 0)
+    assert (compared.trials, compared.objects, compared.hidden, compared.shown) == (2, 1, 0, 0)
+    assert (found["real"].position_m < 1e-3).all()
+
+
+def test_other_seeds_are_other_trials_and_equal_ones_the_same(pieces):
+    one, same, other = (align(pieces, seed=s, real=depth())["real"] for s in (0, 0, 1))
+    np.testing.assert_array_equal(one.position_m, same.position_m)
+    assert (one.position_m != other.position_m).all()
+    assert one.objects == ("s/1",) or one.objects[0].startswith("s/")
+
+
+def test_depth_that_is_off_is_found_off(pieces):
+    """All depth 1 % farther: the object is found 1 % of its distance away, +-20 %."""
+    found = align(pieces, real=depth(), far=(depth() * 1.01).astype(np.float32))
+    distance = np.linalg.norm(pieces[0].centre_m)
+    assert found["far"].position_m == pytest.approx(np.full((1, 2), 0.01 * distance), rel=0.2)
+
+
+def test_hidden_objects_are_counted_and_left_out(pieces):
+    hidden = np.where(pieces[0].pixels, np.nan, depth()).astype(np.float32)
+    found = align(pieces, real=depth(), hides=hidden)
+    assert not found["hides"].visible.any()
+    assert np.isnan(found["hides"].rotation).all()
+    with pytest.raises(InputError, match="objects seen in both must be one or more; got 0"):
+        comparison.against_real(found["hides"], found["real"])
+    both = study.pool([found, align(pieces, seed=1, real=depth(), hides=depth())])
+    compared = comparison.against_real(both["hides"], both["real"])
+    assert (compared.objects, compared.hidden, compared.shown, compared.trials) == (1, 1, 0, 2)
+    assert comparison.against_real(both["real"], both["hides"]).shown == 1
+
+
+def outcome(position: np.ndarray) -> Outcome:
+    names = tuple(f"s/{i}" for i in range(len(position)))
+    return Outcome(objects=names, position_m=position, rotation=position / 10)
+
+
+def test_figures_are_the_papers():
+    real = outcome(np.array([[1.0, 3.0], [5.0, 7.0]]))  # Mean 4, variance 5.
+    method = outcome(np.array([[2.0, 2.0], [4.0, 6.0]]))  # Mean 3.5, variance 2.75.
+    found = comparison.against_real(method, real).difference
+    np.testing.assert_allclose(found, [12.5, 45.0, 12.5, 45.0])
+    assert found._fields[0] == "position_mean_pct"
+
+
+def test_nearer_method_is_told_with_its_interval():
+    draw = np.random.default_rng(0)
+    errors = draw.gamma(2.0, 0.01, (60, 5))
+    real, near = outcome(errors), outcome(errors * 1.05)
+    far = outcome(errors * 1.6)
+    gain = comparison.nearer(near, far, real, seed=0, draws=500)
+    assert min(gain.low) > 0
+    assert gain.middle.position_mean_pct == pytest.approx(60 - 5, abs=1e-6)
+    assert gain.middle.position_var_pct == pytest.approx(156 - 10.25, rel=1e-6)
+    back = comparison.nearer(far, near, real, seed=0, draws=500)
+    np.testing.assert_allclose(back.high, np.negative(gain.low))
+    same = comparison.nearer(near, near, real, seed=0, draws=500)
+    assert same.low == same.high == (0, 0, 0, 0)
+
+
+def test_interval_of_what_does_not_differ_holds_zero():
+    """Two methods of the same law, over 40 sets of 30 objects: about 95 % of the intervals hold
+    zero; fewer than 33 of 40 would be seen once in a thousand sets."""
+    held = 0
+    for seed in range(40):
+        draw = np.random.default_rng(seed)
+        real, one, other = (outcome(draw.gamma(4.0, 0.01, (30, 4))) for _ in range(3))
+        gain = comparison.nearer(one, other, real, seed=seed, draws=300)
+        held += gain.low.position_mean_pct <= 0 <= gain.high.position_mean_pct
+    assert held >= 33
+
+
+def test_what_cannot_be_studied_is_refused(pieces):
+    with pytest.raises(InputError, match=r"trials must be an integer in \[2, 1000000\]; got 1"):
+        align(pieces, trials=1, real=depth())
+    with pytest.raises(InputError, match="pieces must hold an object; got 0"):
+        align([], real=depth())
+    with pytest.raises(InputError, match="method of reference must be a known name; got 'real'"):
+        align(pieces, other=depth())
+    with pytest.raises(InputError, match="depth of real must be of shape"):
+        align(pieces, real=depth()[:10])
+
+
+def test_outcomes_that_do_not_belong_together_are_refused():
+    one = outcome(np.ones((2, 2)))
+    with pytest.raises(InputError, match="scenes must not be empty; got 0"):
+        study.pool([])
+    with pytest.raises(InputError, match="scenes must share methods and trials; got 2"):
+        study.pool([{"real": one}, {"real": outcome(np.ones((2, 3)))}])
+    with pytest.raises(InputError, match="objects must be the same in both; got 2 and 3"):
+        comparison.against_real(one, outcome(np.ones((3, 2))))
+    with pytest.raises(InputError, match="draws must be an integer in"):
+        comparison.nearer(one, one, one, seed=0, draws=10)
+    single = outcome(np.array([[1.0, 2.0]]))
+    with pytest.raises(InputError, match="objects seen in all must be two or more; got 1"):
+        comparison.nearer(single, single, single, seed=0)
+
+
+def test_real_zero_gives_no_figure():
+    still = outcome(np.zeros((2, 2)))
+    assert np.isnan(comparison.against_real(still, still).difference).all()
+    moved = dataclasses.replace(still, position_m=np.ones((2, 2)))
+    assert np.isnan(comparison.against_real(moved, still).difference).all()

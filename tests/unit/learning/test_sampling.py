@@ -1,0 +1,105 @@
+"""No-depth pixels drawn from probabilities: how many, which, and how they flicker."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from learning import sampling
+from learning.perlin import Perlin
+from learning.sampling import Sampling
+from patterns.errors import InputError
+from sim.capture_info import CaptureInfo
+
+NOISE = Perlin(correlation_px=2.0, correlation_frames=5.0)
+INFO = CaptureInfo(
+    sensor="d415", width=40, height=30, fx_px=400, fy_px=400, cx_px=20, cy_px=15, baseline_m=0.05,
+    depth_unit_m=0.001, source="drawn", licence="none", notes="",
+)  # fmt: skip
+
+
+def image(value: float, shape: tuple[int, int] = (96, 128)) -> np.ndarray:
+    return np.full(shape, value, np.float32)
+
+
+def test_expected_share_is_the_probability_up_to_the_threshold():
+    """A ramp of probabilities, by bins of them, over 60 draws; within 8 % or 0.003."""
+    ramp = np.broadcast_to(np.linspace(0, 1, 256, dtype=np.float32), (96, 256))
+    drawn = np.mean([sampling.ndp(ramp, Sampling(noise=NOISE), seed=s) for s in range(60)], axis=0)
+    for low, high in ((0.0, 0.05), (0.05, 0.1), (0.1, 0.2), (0.2, 0.35), (0.35, 0.5)):
+        inside = (ramp > low) & (ramp <= high)
+        assert drawn[inside].mean() == pytest.approx(ramp[inside].mean(), rel=0.08, abs=0.003)
+    assert (drawn[ramp > 0.5] == 1).all()
+
+
+@given(seed=st.integers(0, 2**32), threshold=st.floats(0, 1), frame=st.floats(-1e3, 1e3))
+def test_certain_pixels_are_certain(seed, threshold, frame):
+    how = Sampling(noise=NOISE, threshold=threshold)
+    assert not sampling.ndp(image(0, (9, 12)), how, seed=seed, frame=frame).any()
+    assert sampling.ndp(image(1, (9, 12)), how, seed=seed, frame=frame).all()
+
+
+def test_threshold_marks_what_is_above_and_not_what_is_at_it():
+    at, above = image(0.5), image(np.nextafter(np.float32(0.5), np.float32(1)))
+    assert 0.3 < sampling.ndp(at, Sampling(noise=NOISE), seed=1).mean() < 0.7
+    assert sampling.ndp(above, Sampling(noise=NOISE), seed=1).all()
+    everywhere_drawn = Sampling(noise=NOISE, threshold=1.0)
+    share = np.mean([sampling.ndp(image(0.8), everywhere_drawn, seed=s) for s in range(30)])
+    assert share == pytest.approx(0.8, abs=0.02)
+
+
+def test_holes_hang_together():
+    """Beside a no-depth pixel there is another far more often than independent draws have it."""
+    holes = sampling.ndp(image(0.05, (200, 200)), Sampling(noise=NOISE), seed=2)
+    beside = (holes[:, 1:] & holes[:, :-1]).sum() / holes[:, 1:].sum()
+    assert beside > 0.5
+
+
+@pytest.mark.parametrize("later", [1, 3, 10])
+@pytest.mark.parametrize("p", [0.02, 0.1, 0.4])
+def test_flicker_is_the_closed_form(p, later):
+    """Within 12 % of the orthant probability of normal values, which the noise nearly has."""
+    how = Sampling(noise=NOISE)
+    changed = np.mean(
+        [
+            sampling.ndp(image(p), how, seed=s) != sampling.ndp(image(p), how, seed=s, frame=later)
+            for s in range(40)
+        ]
+    )
+    expected = float(sampling.flicker(image(p, (1, 1)), how, later)[0, 0])
+    assert changed == pytest.approx(expected, rel=0.12)
+
+
+def test_what_is_certain_or_above_the_threshold_does_not_flicker():
+    p = np.array([0, 0.3, 0.7, 1.0])
+    rate = sampling.flicker(p, Sampling(noise=NOISE), 100)
+    np.testing.assert_allclose(rate, [0, 2 * 0.3 * 0.7, 0, 0], atol=1e-6)
+    assert not sampling.flicker(p, Sampling(noise=NOISE), 0).any()
+
+
+def test_depth_image_has_holes_and_a_simulators_errors():
+    reference = np.full(INFO.shape, 2.0, np.float32)  # 10 px.
+    reference[0] = np.nan
+    ndp = np.zeros(INFO.shape, bool)
+    ndp[5] = True
+    error = np.full(INFO.shape, np.nan, np.float32)
+    error[10] = -2.0
+    seen = sampling.depth_image(reference, ndp, INFO, error_px=error)
+    assert np.isnan(seen[[0, 5]]).all()
+    np.testing.assert_allclose(seen[10], 2.5, rtol=1e-6)
+    assert (seen[11:] == 2.0).all()
+    plain = sampling.depth_image(reference, ndp, INFO)
+    np.testing.assert_array_equal(plain, np.where(ndp, np.nan, reference))
+
+
+def test_what_is_no_probability_is_refused():
+    how = Sampling(noise=NOISE)
+    for value in (np.nan, -0.1, 1.1):
+        with pytest.raises(InputError, match=r"probability must be in \[0, 1\]; got"):
+            sampling.ndp(image(value, (4, 4)), how, seed=0)
+    with pytest.raises(InputError, match=r"probability must be an image \(h, w\); got \(3,\)"):
+        sampling.ndp(np.zeros(3, np.float32), how, seed=0)
+    with pytest.raises(InputError, match=r"threshold must be in \[0, 1\]; got 1\.5"):
+        Sampling(noise=NOISE, threshold=1.5)
