@@ -29,7 +29,6 @@ SPECKLE = "projector.speckle_contrast"
 
 _LAGS = 3  # Pixels to which speckle's own correlation is followed.
 _BRIGHTEST = 0.3  # Share of the blocks with most laser light, where speckle shows.
-_SURE = 2.0  # Deviations by which a contrast is above what the quietest places allow.
 
 
 def fit_speckle(
@@ -69,10 +68,10 @@ def fit_speckle(
     contrast = float(np.sqrt(max(value, 0.0)))
     deviation = float(sd / (2 * contrast)) if value > sd else float(np.sqrt(sd))
     start, most = sensor.projector.speckle_contrast, speckle_bound(predictions, sensor)
-    told = deviation <= EVEN and contrast - _SURE * deviation <= most
+    told = deviation <= EVEN and contrast <= most
     return Estimate(
         name=SPECKLE,
-        value=min(contrast, 1.0) if told else min(start, most),
+        value=contrast if told else min(start, most),
         sd=deviation if told else np.inf,
         unit="1",
         start=start,
