@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import cv2
 import numpy as np
@@ -14,6 +14,9 @@ from patterns import errors
 from sim import metrics
 from sim.depth import disparity_from_depth
 from sim.sensor import Sensor
+
+if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
+    from sim.layers import View as Rendered
 
 Array = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
@@ -66,11 +69,8 @@ def _view(
     sensor: Sensor,
     side: Literal["left", "right"],
     level_dn: Array,
-    rendered: object,
+    rendered: Rendered,
 ) -> View:
-    from sim.layers import View as Rendered
-
-    assert isinstance(rendered, Rendered)
     lit = (rendered.projector_direct > 0).astype(np.float32)
     points, lit = _moved(
         _points(rendered.depth_m, sensor, sensor.baseline_m if side == "right" else 0.0),

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from calibration import variable_projection
+
 BLOCK_PX = 8
 QUIETEST = 0.1  # Share of the blocks that vary least.
 INDEPENDENT = 0.25  # Share of a block's pixels that are so, after averaging.
@@ -13,10 +15,7 @@ INDEPENDENT = 0.25  # Share of a block's pixels that are so, after averaging.
 
 def blocks(image: NDArray) -> NDArray:
     """Pixels of each block (n, 64); what does not fill one is left out."""
-    rows, columns = (size // BLOCK_PX for size in image.shape)
-    cut = image[: rows * BLOCK_PX, : columns * BLOCK_PX]
-    cut = cut.reshape(rows, BLOCK_PX, columns, BLOCK_PX).swapaxes(1, 2)
-    return cut.reshape(rows * columns, -1)
+    return variable_projection.cut(image, BLOCK_PX)
 
 
 def quietest_by_chance(pixels: float) -> float:

@@ -6,14 +6,13 @@ networks, ICCV 2017.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
-from torch import Tensor, nn, optim
+from torch import Tensor, nn
 
 from learning.example import Example
 from learning.training.learner import Draw, Learner, initialised, sparing
@@ -23,6 +22,7 @@ from learning.training.translation import (
     PatchDiscriminator,
     TranslationPredictor,
     Translator,
+    adversary,
     descend,
     fit_translation,
     judged,
@@ -33,7 +33,6 @@ from sim import progress
 
 CYCLE_WEIGHT = 10.0  # Against the discriminators' verdicts (Zhu et al., sec. 4).
 IDENTITY_WEIGHT = 5.0  # Half of it (sec. 5.2).
-_BETAS = (0.5, 0.999)
 _GENERATORS = ("spoil", "mend")  # Reference depth to the device's and back.
 _DISCRIMINATORS = ("of_device", "of_reference")  # Real device depth? Real reference depth?
 
@@ -45,10 +44,7 @@ class CycleGanLearner(Learner):
         self, generators: Sequence[nn.Module], discriminators: Sequence[nn.Module], how: Settings
     ) -> None:
         names, networks = (*_GENERATORS, *_DISCRIMINATORS), (*generators, *discriminators)
-        optimizers: list[optim.Optimizer] = [
-            optim.Adam(itertools.chain(*(n.parameters() for n in side)), betas=_BETAS)
-            for side in (generators, discriminators)
-        ]
+        optimizers = [adversary(*generators), adversary(*discriminators)]
         super().__init__(dict(zip(names, networks, strict=True)), optimizers)
         self.settings = how
 

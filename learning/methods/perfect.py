@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,7 +26,7 @@ class PerfectPredictor:
 class Perfect:
     """Nothing to learn: the lower bound that every method must beat."""
 
-    name: str = "perfect"
+    name: ClassVar[str] = "perfect"
 
     def fit(
         self,

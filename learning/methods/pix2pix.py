@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import torch
-from torch import nn, optim
+from torch import nn
 
 from learning.example import Example
 from learning.training.learner import Draw, Learner, initialised, mean, sparing
@@ -22,6 +22,7 @@ from learning.training.translation import (
     PatchDiscriminator,
     TranslationPredictor,
     Translator,
+    adversary,
     descend,
     fit_translation,
     judged,
@@ -31,7 +32,6 @@ from learning.training.translation import (
 from sim import progress
 
 L1_WEIGHT = 100.0  # Against the discriminator's verdict (Isola et al., sec. 3.3).
-_BETAS = (0.5, 0.999)
 
 
 class Pix2PixLearner(Learner):
@@ -39,10 +39,7 @@ class Pix2PixLearner(Learner):
 
     def __init__(self, generator: nn.Module, discriminator: nn.Module, settings: Settings) -> None:
         networks = {"generator": generator, "discriminator": discriminator}
-        optimizers: list[optim.Optimizer] = [
-            optim.Adam(network.parameters(), betas=_BETAS) for network in networks.values()
-        ]
-        super().__init__(networks, optimizers)
+        super().__init__(networks, [adversary(generator), adversary(discriminator)])
         self.settings = settings
 
     def update(self, draw: Draw, step: int) -> dict[str, float]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,7 @@ class SimplePredictor:
 class Simple:
     """Grazing normals, scaled to a probability by isotonic regression; scenes count alike."""
 
-    name: str = "simple"
+    name: ClassVar[str] = "simple"
 
     def fit(
         self,

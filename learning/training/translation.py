@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor, nn, optim
 from torch.nn import functional
 
 from learning import inference
@@ -30,6 +30,12 @@ FARTHEST_M = 16.0  # Greater depths look like this one [m].
 SEEN = ("depth",)
 # The rate of Isola et al. and Zhu et al.; ten times higher the adversaries run away.
 ADVERSARIAL = Settings(steps=3000, batch=4, rate=2e-4)
+_BETAS = (0.5, 0.999)  # Likewise.
+
+
+def adversary(*networks: nn.Module) -> optim.Optimizer:
+    """What trains one side of the game."""
+    return optim.Adam(itertools.chain(*(one.parameters() for one in networks)), betas=_BETAS)
 
 
 class Translator(nn.Module):
