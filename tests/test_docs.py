@@ -14,7 +14,11 @@ import pytest
 from sim.reason import LABELS
 
 ROOT = Path(__file__).parents[1]
-TUTORIALS = sorted((ROOT / "docs" / "tutorial").glob("*.md"))
+_LONG = {"02-what-a-real-camera-adds", "04-calibrate"}  # A minute each.
+TUTORIALS = [
+    pytest.param(page, id=page.stem, marks=[pytest.mark.long] * (page.stem in _LONG))
+    for page in sorted((ROOT / "docs" / "tutorial").glob("*.md"))
+]
 
 
 def _blocks(page: Path, language: str) -> list[str]:
@@ -35,7 +39,7 @@ def test_readme_code_runs(tmp_path: Path) -> None:
     _run(sys.executable, "-c", code, cwd=tmp_path)
 
 
-@pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", TUTORIALS)
 def test_tutorial_commands_run(page: Path, tmp_path: Path) -> None:
     """All `starling` lines of a page, in order and in one folder, as a reader types them."""
     lines = [line for block in _blocks(page, "sh") for line in block.splitlines()]

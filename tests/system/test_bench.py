@@ -5,7 +5,7 @@ import pytest
 from sim import bench
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_bench_prints_its_keys():
     figures = bench.bench(repeats=1, samples=1)
     assert {

@@ -89,13 +89,25 @@ def test_the_right_border_of_the_overlap_changes_sign() -> None:
 
 
 @given(st.integers(1, 64), st.data())
-def test_smoothed_share_is_that_of_half_a_draw_more_each(draws: int, data: st.DataObject) -> None:
-    k = data.draw(st.integers(0, draws))
+def test_smoothed_share_leans_on_the_share_of_the_whole_scene(
+    draws: int, data: st.DataObject
+) -> None:
     physics = step_scene(0).physics
     assert physics is not None
-    share = np.full(SHAPE, k / draws, np.float32)
+    rng = np.random.default_rng(data.draw(st.integers(0, 1000)))
+    k = rng.integers(0, draws + 1, SHAPE)
+    share = (k / draws).astype(np.float32)
     smoothed = seeing.smoothed_share(dataclasses.replace(physics, ndp=share, draws=draws))
-    np.testing.assert_allclose(smoothed, (k + 0.5) / (draws + 1), rtol=1e-5)
+    np.testing.assert_allclose(smoothed, (k + share.mean()) / (draws + 1), rtol=1e-4)
+    np.testing.assert_allclose(smoothed.mean(), share.mean(), rtol=1e-4)
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_smoothed_share_is_never_certain(share: float) -> None:
+    physics = step_scene(0).physics
+    assert physics is not None
+    all_alike = dataclasses.replace(physics, ndp=np.full(SHAPE, share, np.float32))
+    smoothed = seeing.smoothed_share(all_alike)
     assert ((smoothed > 0) & (smoothed < 1)).all()
 
 
