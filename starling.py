@@ -14,11 +14,12 @@ import tyro
 from tyro.conf import FlagCreatePairsOff, PositionalMetavarFromFieldName
 
 import calibration.verbs
+import learning.verbs
 import sim.verbs
 from sim import shell
 
 _app = tyro.extras.SubcommandApp()
-for _verb in (*sim.verbs.VERBS, *calibration.verbs.VERBS):
+for _verb in (*sim.verbs.VERBS, *calibration.verbs.VERBS, *learning.verbs.VERBS):
     _app.command(_verb)
 
 

@@ -10,6 +10,7 @@ Usage:
     STARLING_CAPTURES=... python benchmarks/calibrate_faro.py --rooms 1 2 3 5  # from few
     STARLING_CAPTURES=... python benchmarks/calibrate_faro.py --gap            # levels and noise
                                                                 # too, and compare
+    STARLING_CAPTURES=... python benchmarks/calibrate_faro.py --gap --out DIR  # keep the sensors
 """
 
 import argparse
@@ -24,7 +25,7 @@ import numpy as np
 
 import calibration
 from calibration import correlation
-from sim import asked_sensor, capture, compare, simulate_captures
+from sim import asked_sensor, capture, compare, sensors, simulate_captures
 
 _BETWEEN = -0.45  # Simulated light, in local deviations, below which a pixel lies between dots.
 _EVEN = 0.15  # Share of a window's variance that pixels between dots have, of an even surface.
@@ -36,6 +37,7 @@ def main() -> None:
     parser.add_argument("--rooms", type=int, nargs="*", default=[9])
     parser.add_argument("--held", nargs="*", default=[], help="rooms to hold out; all if none")
     parser.add_argument("--gap", action="store_true", help="compare before and after as well")
+    parser.add_argument("--out", type=Path, help="folder for each room's sensor.toml")
     asked = parser.parse_args()
     path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
     nominal = asked_sensor.load("d415", captures=str(path))
@@ -54,8 +56,11 @@ def main() -> None:
             number = rooms.index(room)
             others = (rooms[number + 1 :] + rooms[:number])[:count]
             used = [scene for scene in scenes if scene.room in (room, *others)]
-            with tempfile.TemporaryDirectory() as folder:
-                found = _calibrated(used, nominal, free, room, Path(folder))
+            with tempfile.TemporaryDirectory() as temporary:
+                folder = Path(temporary) if asked.out is None else asked.out / f"{room}-{count}"
+                folder.mkdir(parents=True, exist_ok=True)
+                found = _calibrated(used, nominal, free, room, folder)
+                (folder / "sensor.toml").write_text(sensors.dumps(found.sensor))
                 for one in found.heldout:
                     rows.append(_scored(one))
                     if asked.gap:

@@ -186,23 +186,6 @@ def match(
     shell.say(result, json=common.json)
 
 
-def compare(real: Positional[str], sim: Positional[str], *, common: Shared = Common()) -> None:
-    """Compare simulated captures with real ones: how far is the simulation off?
-
-    Example: starling compare captures/d415-faro out/d415-faro --json
-
-    Args:
-        real: capture set or one scene in it.
-        sim: the same scenes, simulated.
-    """
-    from sim import capture, progress
-    from sim import compare as comparison
-
-    with progress.on_stderr() as tell:
-        result = comparison.compare(capture.open_set(real), capture.open_set(sim), tell=tell)
-    shell.say(result, json=common.json)
-
-
 def show(
     captures: Positional[str],
     against: Positional[str] = "",
@@ -329,7 +312,6 @@ VERBS = (
     effects,
     simulate,
     match,
-    compare,
     show,
     atlas,
     sweep,

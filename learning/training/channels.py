@@ -15,7 +15,8 @@ from sim.reason import Reason
 
 PLANE_RADIUS_PX = 3  # Normals are taken over 7x7 pixels.
 LOGIT_SCALE = 0.25  # A power of two, so that the logit is got back exactly.
-PRIOR_DRAWS = 0.5  # Jeffreys' prior: half a draw with depth and half a one without.
+PRIOR_DRAWS = 1.0  # What the scene's own share of holes counts for.
+_RAREST = 1e-3  # Least share of holes, or of depth, that a scene is taken to have.
 
 # Disparities stay in pixels whatever the camera: windows, occlusions and noise are measured in it.
 GEOMETRY: dict[str, str] = {
@@ -66,7 +67,7 @@ def channels(example: Example, *, with_reflectance: bool, with_physics: bool) ->
     if with_reflectance:
         seen |= {"reflectance": np.sqrt(_reflectance(example))}
     if with_physics:
-        seen |= _physics(_given_physics(example), seen["disparity"] * np.float32(32))
+        seen |= _physics(given_physics(example), seen["disparity"] * np.float32(32))
     order = names(with_reflectance=with_reflectance, with_physics=with_physics)
     return np.stack([seen[name] for name in order], dtype=np.float32)
 
@@ -83,17 +84,22 @@ def check_size(info: CaptureInfo, name: str, image: NDArray) -> None:
 
 
 def smoothed_share(physics: Physics) -> Image:
-    """Probability (h, w) of no depth from k of n draws: (k + a) / (n + 2 a), a = 1/2.
+    """Probability (h, w) of no depth from k of n draws: (k + a m) / (n + a), a = 1 draw.
 
-    Never 0 or 1: so few draws cannot be that sure. Source: Jeffreys' prior of a proportion; Brown,
-    Cai and DasGupta, Interval estimation for a binomial proportion, Statistical Science 2001.
+    Never 0 or 1: so few draws cannot be that sure. m is the share of holes in all draws of the
+    scene, which the simulation itself knows: most pixels have depth, and half a draw's worth of
+    doubt in each would tell 6 % of holes where there are none.
+
+    Source: the posterior mean under a beta prior fitted to all pixels (empirical Bayes; Casella, An
+    introduction to empirical Bayes data analysis, The American Statistician 39, 1985).
 
     Raises:
         InputError: if there is no draw.
     """
     errors.in_interval("draws", physics.draws, 1, 1_000_000, "Simulate at least once.")
+    mean = np.clip(physics.ndp.mean(dtype=np.float64), _RAREST, 1 - _RAREST)
     without = physics.ndp.astype(np.float64) * physics.draws
-    return ((without + PRIOR_DRAWS) / (physics.draws + 2 * PRIOR_DRAWS)).astype(np.float32)
+    return ((without + PRIOR_DRAWS * mean) / (physics.draws + PRIOR_DRAWS)).astype(np.float32)
 
 
 def _geometry(example: Example) -> dict[str, Image]:
@@ -124,7 +130,12 @@ def _reflectance(example: Example) -> Image:
     return np.clip(reflectance, 0, 1)
 
 
-def _given_physics(example: Example) -> Physics:
+def given_physics(example: Example) -> Physics:
+    """What was simulated of a scene.
+
+    Raises:
+        InputError: if there is nothing, or it is of another size or not finite.
+    """
     if example.physics is None:
         rule = "must be given to a method that builds on it"
         raise errors.refuse("physics", rule, f"none for {example.scene}", "Simulate the scene.")

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from patterns import errors
-from sim.capture import open_set
-from sim.capture_info import CaptureInfo
+from sim.capture import CapturedScene, open_set
 from sim.optics import shading
 from sim.pinhole import Pinhole
 from sim.scene import Material, Scene
@@ -47,32 +46,47 @@ def load(path: Path, sensor: Sensor, *, smoothing_px: float = 0.0) -> Scene:
         )
     scene, info = captures.scenes[0], captures.info
     truth = scene.truth_m()
-    frame = scene.frame(scene.frames[0])
-    lit = frame.ir_left if frame.ir_left_off is None else frame.ir_left_off
-    if truth is None or lit is None:
-        raise errors.refuse(
-            "scene", "must have truth.png and ir_left.png", path, "Choose a scene with both."
-        )
-    level = np.maximum(lit.astype(np.float32) - np.float32(info.black_level_dn or 0.0), 0)
-    if smoothing_px > 0:
-        level = np.asarray(cv2.GaussianBlur(level, (0, 0), smoothing_px), np.float32)
-    elif frame.ir_left_off is None:
-        level = np.maximum(dots_off.removed(level), 0)
+    if truth is None:
+        raise _incomplete(path)
     return depth_surface.scene(
         scene.name,
         info.disparity_px(truth),
         info,
         Material(name="as seen"),
-        reflectance=_reflectance(level / _seen_share(info, sensor)),
+        reflectance=reflectance(
+            scene, vignetting=sensor.left.lens.vignetting, smoothing_px=smoothing_px
+        ),
     )
 
 
-def _seen_share(info: CaptureInfo, sensor: Sensor) -> Array:
-    """Share of the light that the lens lets through off the axis, (h, w)."""
-    return shading.vignetting(sensor.left.lens.vignetting, Pinhole.of(info))
+def reflectance(
+    scene: CapturedScene, *, vignetting: float = 0.0, smoothing_px: float = 0.0
+) -> Array:
+    """Estimate reflectance (h, w) from the first infrared image, up to an assumed mean.
 
+    Args:
+        scene: of a capture set.
+        vignetting: exponent of the left lens's (see `sim.parts.imager.Lens`), which is taken out.
+        smoothing_px: as in `load`.
 
-def _reflectance(level: Array) -> Array:
-    """Estimate reflectance (h, w) from the level of infrared, up to an assumed mean."""
+    Raises:
+        InputError: if there is no infrared image.
+    """
+    info, frame = scene.info, scene.frame(scene.frames[0])
+    lit = frame.ir_left if frame.ir_left_off is None else frame.ir_left_off
+    if lit is None:
+        raise _incomplete(scene.path)
+    level = np.maximum(lit.astype(np.float32) - np.float32(info.black_level_dn or 0.0), 0)
+    if smoothing_px > 0:
+        level = np.asarray(cv2.GaussianBlur(level, (0, 0), smoothing_px), np.float32)
+    elif frame.ir_left_off is None:
+        level = np.maximum(dots_off.removed(level), 0)
+    level = level / shading.vignetting(vignetting, Pinhole.of(info))
     scale = _MEAN_REFLECTANCE / max(float(level.mean()), 1e-6)
     return np.clip(level * np.float32(scale), 0.01, 0.95).astype(np.float32)
+
+
+def _incomplete(path: Path) -> errors.InputError:
+    return errors.refuse(
+        "scene", "must have truth.png and ir_left.png", path, "Choose a scene with both."
+    )

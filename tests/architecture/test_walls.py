@@ -37,6 +37,7 @@ PICTURE_MAKERS: dict[str, str] = {
     "sim/sheet.py": "every picture: a sheet of panels",
     "sim/panels.py": "the panels",
     "sim/sweep_picture.py": "the curves of a sweep",
+    "learning/evaluation_pictures.py": "the curves of an evaluation",
 }
 HEAVY = ("mitsuba", "drjit", "torch", "sklearn", "cv2", "matplotlib", "scipy", "numba")
 LONGEST_FILE = 400

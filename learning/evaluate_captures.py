@@ -1,0 +1,181 @@
+"""The work of `starling evaluate`: methods, captures, figures of rooms that nobody learnt from."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from learning import (
+    captured,
+    evaluation,
+    evaluation_pictures,
+    evaluation_report,
+    folds,
+    registry,
+    work_folder,
+)
+from learning.captured import Simulation
+from learning.evaluation import Told
+from learning.example import Example
+from learning.method import Method, Predictor
+from learning.train_captures import PHYSICS, trained
+from patterns.errors import refuse
+from sim import capture, output, png, progress
+from sim.capture import CaptureSet
+
+FOLDS = "folds"  # In the output: ROOM/METHOD/ with what was learnt and SCENE.png, what was told.
+_CODES = 65535  # A probability is kept in 16 bits.
+
+Simulations = Callable[[str], Simulation]  # Of the room held out: its sensor may not have seen it.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Plan:
+    """What is evaluated, and how."""
+
+    methods: tuple[str, ...]  # Trained anew for each room, on others.
+    models: tuple[Path, ...] = ()  # Folders of `starling train`, asked as they are.
+    held: tuple[str, ...] | None = None  # Rooms to judge; None judges all.
+    learn_from: int | None = None  # Rooms to learn from; None learns from all others.
+    steps: int | None = None  # Of a network's training.
+    seed: int = 0
+
+
+def evaluate_captures(
+    captures: str,
+    out: Path,
+    plan: Plan,
+    *,
+    simulations: Simulations | None = None,
+    force: bool = False,
+    asked: Mapping[str, Any] | None = None,
+    tell: progress.Progress = progress.silent,
+) -> dict[str, Any]:
+    """Judge methods room by room; what was cut short is gone on with when asked for again.
+
+    Args:
+        captures: capture set with reference depth and the device's own.
+        out: folder for models, probabilities, figures and pictures.
+        plan: which methods, and on what.
+        simulations: for methods that build on physics.
+        force: drop what starling left in the folder.
+        asked: more arguments for the record.
+        tell: wraps loops that take long.
+
+    Returns:
+        Figures of every method (see `learning.evaluation_report.figures`), "out", "seconds".
+
+    Raises:
+        InputError: whatever is wrong with captures, methods or the folder.
+    """
+    begun = time.perf_counter()
+    opened = capture.open_set(captures)
+    output.refuse_own_input(out, opened.path)
+    rooms = tuple(dict.fromkeys(scene.room for scene in opened.scenes))
+    held_out = plan.held or rooms
+    captured.check_rooms(opened, held_out)
+    models = [trained(folder) for folder in plan.models]
+    names = (*plan.methods, *(name for name, _ in models))
+    methods = _methods(names, plan)
+    learnt_from = {
+        held: folds.learnt_from(rooms, held, plan.learn_from) if plan.methods else ()
+        for held in held_out
+    }
+    on_physics = [name for name in names if name in registry.ON_PHYSICS]
+    if on_physics and simulations is None:
+        raise refuse("sensor", f"must be given for {on_physics[0]}", "none", "Give --sensor.")
+    simulated = {
+        held: captured.caching(simulations(held), out / PHYSICS)
+        for held in held_out
+        if on_physics and simulations
+    }
+    arguments = {
+        "captures": captures,
+        "plan": plan,
+        "simulated_with": {
+            held: captured.sensor_digest(how.sensor) for held, how in simulated.items()
+        },
+        **(asked or {}),
+    }
+    work_folder.begin(out, arguments, force=force)
+    told: dict[str, list[Told]] = {name: [] for name in names}
+    for held in tell(held_out, "rooms"):
+        fold = _Fold(opened, held, learnt_from[held], simulated.get(held))
+        for name in names:
+            folder = out / FOLDS / held / name
+            learnt = partial(
+                _learnt, fold, methods[name], dict(models).get(name), folder, plan, tell
+            )
+            told[name] += _told(fold, folder, learnt)
+    scores = {name: evaluation.scores(of_it) for name, of_it in told.items()}
+    figures = evaluation_report.figures(scores, seed=plan.seed)
+    pictures = {
+        "curves.png": evaluation_pictures.curves(scores),
+        "scenes.png": evaluation_pictures.scenes(told),
+    }
+    for name, picture in pictures.items():
+        output.write_file(out / name, picture, force=True)
+    work_folder.end(out, "evaluate", arguments, figures)
+    return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}
+
+
+@dataclass(frozen=True, eq=False)
+class _Fold:
+    """A room held out and those learnt from; scenes are read when first asked for."""
+
+    captures: CaptureSet
+    held: str
+    rooms: tuple[str, ...]  # To learn from.
+    simulation: Simulation | None
+
+    @cached_property
+    def learnt_from(self) -> list[Example]:
+        return captured.examples(self.captures, rooms=self.rooms, simulation=self.simulation)
+
+    @cached_property
+    def judged(self) -> list[Example]:
+        return captured.examples(self.captures, rooms=(self.held,), simulation=self.simulation)
+
+
+def _methods(names: Sequence[str], plan: Plan) -> dict[str, Method]:
+    if not names:
+        raise refuse("methods", "must be at least one", "none", "Give --methods or --models.")
+    if len(set(names)) < len(names):
+        raise refuse("methods", "must be different", ", ".join(names), "Name each once.")
+    return {name: registry.method(name, steps=plan.steps) for name in names}
+
+
+def _learnt(
+    fold: _Fold,
+    method: Method,
+    model: Predictor | None,
+    folder: Path,
+    plan: Plan,
+    tell: progress.Progress,
+) -> Predictor:
+    """The model where there is one, else what the method learns from the fold's rooms."""
+    if model is not None:
+        return model
+    return method.fit(fold.learnt_from, folder=folder, seed=plan.seed, tell=tell)
+
+
+def _told(fold: _Fold, folder: Path, predictor: Callable[[], Predictor]) -> list[Told]:
+    """What a method tells of the held-out scenes: read where it lies there already."""
+    names = [scene.name for scene in fold.captures.scenes if scene.room == fold.held]
+    paths = [folder / f"{name}.png" for name in names]
+    if not all(path.is_file() for path in paths):
+        made = predictor()
+        for path, example in zip(paths, fold.judged, strict=True):
+            code = np.round(made.probability(example) * _CODES).astype(np.uint16)
+            output.write_file(path, png.encode(code), force=True)
+    codes = [png.read(path, "probability").astype(np.float32) for path in paths]
+    return [
+        Told(example=example, probability=code / np.float32(_CODES))
+        for code, example in zip(codes, fold.judged, strict=True)
+    ]

@@ -1,0 +1,52 @@
+"""What an evaluation leaves: figures as plain values, and pictures."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from learning import evaluation
+from learning.evaluation import Scores
+from learning.figures import classification
+from learning.figures.classification import Classification
+
+
+def figures(methods: Mapping[str, Scores], *, seed: int) -> dict[str, Any]:
+    """Give all figures by method.
+
+    Args:
+        methods: judged on the same rooms.
+        seed: of the bootstrap.
+
+    Returns:
+        `{"methods": {NAME: {"mean", "worst", "mean_off_edges", "rooms", "kinds"}}, "differences":
+        {NAME: {EARLIER NAME: {FIGURE: {"mean", "low", "high", "rooms", "above"}}}}}`; differences
+        are left out where there is one room.
+    """
+    found: dict[str, Any] = {
+        "methods": {
+            name: {
+                "mean": dataclasses.asdict(scores.mean),
+                "worst": dataclasses.asdict(scores.worst),
+                "mean_off_edges": _mean(scores.rooms_off_edges),
+                "rooms": {room: dataclasses.asdict(one) for room, one in scores.rooms.items()},
+                "kinds": {kind: dataclasses.asdict(one) for kind, one in scores.kinds.items()},
+            }
+            for name, scores in methods.items()
+        }
+    }
+    if all(len(scores.rooms) > 1 for scores in methods.values()):
+        between = evaluation.differences(methods, seed=seed)
+        found["differences"] = {
+            later: {
+                earlier: {name: dataclasses.asdict(one) for name, one in by_figure.items()}
+                for earlier, by_figure in of_earlier.items()
+            }
+            for later, of_earlier in between.items()
+        }
+    return found
+
+
+def _mean(rooms: Mapping[str, Classification]) -> dict[str, float] | None:
+    return dataclasses.asdict(classification.mean(rooms)) if rooms else None

@@ -1,0 +1,89 @@
+"""The simulator alone: how often it has no depth when noise is drawn again and again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from learning import model_file
+from learning.example import Example, Image
+from learning.learnable import check_learnable, known_holes
+from learning.recalibration import Recalibration, fit_recalibration
+from learning.training.channels import given_physics, smoothed_share
+from sim import progress
+
+_VERSION = 1
+_LINE = ("slope", "offset")
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedPredictor:
+    """Share of the draws without depth, put right where that was learnt."""
+
+    recalibration: Recalibration | None = None
+
+    def probability(self, example: Example) -> Image:
+        """Smoothed share of the draws without depth, (h, w).
+
+        Raises:
+            InputError: if the example has no physics.
+        """
+        share = smoothed_share(given_physics(example))
+        if self.recalibration is None:
+            return share
+        return self.recalibration(share).astype(np.float32)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Simulated:
+    """Physics, as it is or with its probabilities put right on the scenes that are learnt from."""
+
+    recalibrated: bool = False
+
+    @property
+    def name(self) -> str:
+        """What it is called, and its file."""
+        return "physics_recalibrated" if self.recalibrated else "physics"
+
+    def fit(
+        self,
+        examples: Sequence[Example],
+        *,
+        folder: Path,
+        seed: int,
+        tell: progress.Progress = progress.silent,
+    ) -> SimulatedPredictor:
+        """Fit slope and offset of the logit where that was asked for; scenes count alike.
+
+        Raises:
+            InputError: if nothing can be learnt from the examples (`learning.learnable`), or one
+                has no physics.
+        """
+        del seed
+        if not self.recalibrated:
+            return SimulatedPredictor()
+        check_learnable(examples)
+        told, ndp, weight = [], [], []
+        for example in tell(examples, "physics"):
+            holes, counted = known_holes(example)
+            told.append(smoothed_share(given_physics(example))[counted])
+            ndp.append(holes[counted])
+            weight.append(np.full(told[-1].size, 1 / told[-1].size))
+        line = fit_recalibration(*map(np.concatenate, (told, ndp, weight)))
+        arrays = {"slope": np.array(line.slope), "offset": np.array(line.offset)}
+        model_file.write(folder, self.name, _VERSION, arrays)
+        return SimulatedPredictor(line)
+
+    def load(self, folder: Path) -> SimulatedPredictor:
+        """Read what `fit` of the same kind has left in its folder.
+
+        Raises:
+            InputError: if there should be something, but is not, or is damaged.
+        """
+        if not self.recalibrated:
+            return SimulatedPredictor()
+        found = model_file.take(model_file.read(folder, self.name, _VERSION), _LINE, folder)
+        return SimulatedPredictor(Recalibration(*map(float, found)))

@@ -1,0 +1,107 @@
+"""The work of `starling train`: captures in, a method that has learnt out."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from learning import captured, registry, work_folder
+from learning.captured import Simulation
+from learning.method import Predictor
+from patterns.errors import refuse
+from sim import capture, progress
+from sim.output import RECORD, refuse_own_input
+
+PHYSICS = "physics"  # Folder of what was simulated, in the output.
+
+
+def train_captures(
+    method: str,
+    captures: str,
+    out: Path,
+    *,
+    simulation: Simulation | None = None,
+    rooms: Sequence[str] | None = None,
+    steps: int | None = None,
+    seed: int = 0,
+    force: bool = False,
+    asked: Mapping[str, Any] | None = None,
+    tell: progress.Progress = progress.silent,
+) -> dict[str, Any]:
+    """Train a method; what was cut short is gone on with when asked for again.
+
+    Args:
+        method: of `learning.registry.NAMES`.
+        captures: capture set with reference depth and the device's own.
+        out: folder for what was learnt, checkpoint and loss curve.
+        simulation: for methods that build on physics; others do without.
+        rooms: to learn from; None takes all.
+        steps: of a network; None leaves its own number.
+        seed: of everything drawn.
+        force: drop what starling left in the folder.
+        asked: more arguments for the record.
+        tell: wraps loops that take long.
+
+    Returns:
+        `{"method", "scenes", "ndp_rate", "out", "seconds"}`.
+
+    Raises:
+        InputError: whatever is wrong with the captures, the method or the folder.
+    """
+    begun = time.perf_counter()
+    chosen = registry.method(method, steps=steps)
+    if method not in registry.ON_PHYSICS:
+        simulation = None
+    elif simulation is None:
+        raise refuse("sensor", f"must be given for {method}", "none", "Give --sensor.")
+    else:
+        simulation = captured.caching(simulation, out / PHYSICS)
+    opened = capture.open_set(captures)
+    refuse_own_input(out, opened.path)
+    captured.check_rooms(opened, rooms or ())
+    arguments = {
+        "method": method,
+        "captures": captures,
+        "rooms": rooms,
+        "steps": steps,
+        "seed": seed,
+        "simulated_with": simulation and captured.sensor_digest(simulation.sensor),
+        **(asked or {}),
+    }
+    work_folder.begin(out, arguments, force=force)
+    learnt_from = captured.examples(
+        opened,
+        rooms=rooms,
+        simulation=simulation,
+        tell=tell,
+    )
+    chosen.fit(learnt_from, folder=out, seed=seed, tell=tell)
+    figures = {
+        "method": method,
+        "scenes": [example.scene for example in learnt_from],
+        "ndp_rate": captured.ndp_rate(learnt_from),
+    }
+    work_folder.end(out, "train", arguments, figures)
+    return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}
+
+
+def trained(folder: Path) -> tuple[str, Predictor]:
+    """Read what `train_captures` left: the method's name and what it has learnt.
+
+    Raises:
+        InputError: if it is no such folder, or damaged.
+    """
+    try:
+        content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        name = content["arguments"]["method"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise refuse(
+            "model",
+            "must be a folder that `starling train` has finished",
+            folder,
+            "Train it, or name the right one.",
+        ) from error
+    return name, registry.method(name).load(folder)

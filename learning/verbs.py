@@ -1,0 +1,221 @@
+"""Verbs of learning, and of comparing, which takes learnt methods too (see `sim.verbs`)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from patterns.errors import refuse
+from sim import shell
+from sim.flags import Common, Edits, Shared
+
+if TYPE_CHECKING:
+    from learning.captured import Simulation
+
+ROOM = "{room}"  # In a sensor's name: the room held out.
+Draws = Annotated[int, arg(help="Draws of noise and speckle that the physics is told from.")]
+Even = Annotated[
+    bool, arg(help="Simulate with one reflectance all over, as if no image were known.")
+]
+
+
+def train(
+    method: Positional[str],
+    captures: Positional[str],
+    *,
+    out: Path,
+    sensor: str | None = None,
+    rooms: tuple[str, ...] | None = None,
+    steps: int | None = None,
+    draws: Draws = 8,
+    even: Even = False,
+    seed: int = 0,
+    edits: Edits = (),
+    force: bool = False,
+    common: Shared = Common(),
+) -> None:
+    """Learn where a real camera has no depth; goes on where it was cut short.
+
+    Methods: perfect, simple, trees, physics, physics_recalibrated, network, hybrid, pix2pix,
+    cyclegan; trees_reflectance, network_reflectance and hybrid_reflectance see the smoothed
+    infrared image as well.
+
+    Example: starling train hybrid captures/d415-faro --sensor my-d415.toml --out models/hybrid
+
+    Args:
+        method: what learns.
+        captures: capture set with reference depth (truth.png) and the device's own (depth.png).
+        out: folder for what was learnt, checkpoint and loss curve.
+        sensor: preset or sensor file, for the methods that build on physics.
+        rooms: to learn from; all where none is named.
+        steps: of a network's training; its own number where none is given.
+        seed: fixes everything that is drawn.
+        force: drop what starling left in the folder.
+    """
+    from learning import train_captures
+    from sim import progress
+
+    simulation = _simulation(sensor, captures, draws=draws, seed=seed, even=even, edits=edits)
+    with progress.on_stderr() as tell:
+        result = train_captures.train_captures(
+            method,
+            captures,
+            out,
+            simulation=simulation,
+            rooms=rooms,
+            steps=steps,
+            seed=seed,
+            force=force,
+            asked={"sensor": sensor, "draws": draws, "even": even, "set": edits},
+            tell=tell,
+        )
+    shell.say(result, json=common.json)
+
+
+def evaluate(
+    captures: Positional[str],
+    *,
+    out: Path,
+    methods: tuple[str, ...] = (),
+    models: tuple[Path, ...] = (),
+    sensor: str | None = None,
+    rooms: tuple[str, ...] | None = None,
+    learn_from: int | None = None,
+    steps: int | None = None,
+    draws: Draws = 8,
+    even: Even = False,
+    seed: int = 0,
+    edits: Edits = (),
+    force: bool = False,
+    common: Shared = Common(),
+) -> None:
+    """Judge methods on rooms they have not learnt from; goes on where it was cut short.
+
+    Example: starling evaluate captures/d415-faro --methods trees network --out out/evaluation
+
+    Args:
+        captures: capture set with reference depth (truth.png) and the device's own (depth.png).
+        out: folder for figures, pictures, and what was learnt and told in each fold.
+        methods: learn anew for each room, from the others.
+        models: folders of `starling train`, asked as they are, whatever they have learnt from.
+        sensor: preset or sensor file, for the methods that build on physics; {room} in its name
+            stands for the room held out, so that the sensor can be calibrated without it.
+        rooms: to judge; all where none is named.
+        learn_from: number of rooms to learn from, the next ones in order; all others if not given.
+        steps: of a network's training; its own number where none is given.
+        seed: fixes everything that is drawn.
+        force: drop what starling left in the folder.
+    """
+    from learning import evaluate_captures
+    from sim import progress
+
+    def simulations(held: str) -> Simulation:
+        assert sensor is not None  # Not asked for otherwise.
+        made = _simulation(
+            sensor.replace(ROOM, held), captures, draws=draws, seed=seed, even=even, edits=edits
+        )
+        assert made is not None
+        return made
+
+    plan = evaluate_captures.Plan(
+        methods=methods,
+        models=models,
+        held=rooms,
+        learn_from=learn_from,
+        steps=steps,
+        seed=seed,
+    )
+    with progress.on_stderr() as tell:
+        result = evaluate_captures.evaluate_captures(
+            captures,
+            out,
+            plan,
+            simulations=simulations if sensor else None,
+            force=force,
+            asked={"sensor": sensor, "draws": draws, "even": even, "set": edits},
+            tell=tell,
+        )
+    shell.say(result, json=common.json)
+
+
+def compare(
+    real: Positional[str],
+    sim: Positional[str] = "",
+    *,
+    methods: tuple[str, ...] = (),
+    sensor: str | None = None,
+    out: Path | None = None,
+    draws: Draws = 8,
+    seed: int = 0,
+    edits: Edits = (),
+    force: bool = False,
+    common: Shared = Common(),
+) -> None:
+    """Compare simulated captures with real ones, or the holes that several methods draw.
+
+    Example: starling compare captures/d415-faro out/d415-faro --json
+
+    Example: starling compare captures/mine --methods physics models/hybrid --sensor my-d415.toml
+    --out methods.png
+
+    Args:
+        real: capture set or one scene in it.
+        sim: the same scenes, simulated.
+        methods: instead of `sim`: perfect, physics, or folders of `starling train`.
+        sensor: preset or sensor file, for the methods that build on physics.
+        out: NAME.png of the methods' depth images beside the device's.
+        seed: of the holes that are drawn.
+        force: replace what was drawn before.
+    """
+    from sim import capture, output, progress
+    from sim import compare as comparison
+
+    if bool(sim) == bool(methods):
+        given = "both" if sim else "neither"
+        rule = "must be one of the two"
+        raise refuse("sim and methods", rule, given, "Give simulated captures, or --methods.")
+    if sim and out is not None:
+        raise refuse("out", "must come with methods", out, "`starling show` draws two captures.")
+    if not methods:
+        with progress.on_stderr() as tell:
+            result = comparison.compare(capture.open_set(real), capture.open_set(sim), tell=tell)
+        shell.say(result, json=common.json)
+        return
+    from learning import compare_methods
+
+    if out is not None:
+        output.refuse_taken(out, force=force)
+    with progress.on_stderr() as tell:
+        result, picture = compare_methods.compare_methods(
+            capture.open_set(real),
+            compare_methods.predictors(methods),
+            simulation=_simulation(sensor, real, draws=draws, seed=seed, edits=edits),
+            seed=seed,
+            tell=tell,
+        )
+    if out is not None:
+        output.write_file(out, picture, force=force)
+    shell.say(result, json=common.json)
+
+
+def _simulation(
+    sensor: str | None,
+    captures: str,
+    *,
+    draws: int,
+    seed: int,
+    edits: tuple[str, ...],
+    even: bool = False,
+) -> Simulation | None:
+    if sensor is None:
+        return None
+    from learning.captured import Simulation
+    from sim import asked_sensor
+
+    camera = asked_sensor.load(sensor, captures=captures, edits=edits)
+    return Simulation(sensor=camera, draws=draws, seed=seed, even=even)
+
+
+VERBS = (train, evaluate, compare)

@@ -1,0 +1,299 @@
+"""Examples of a capture set: what is read, what counts, what is simulated and kept."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.testing import assert_allclose, assert_array_equal
+
+from learning import captured, simulated
+from learning.captured import Simulation
+from learning.example import Example, Physics
+from patterns.errors import InputError
+from sim import png
+from sim.capture import CaptureSet, open_set
+from sim.optics import shading
+from sim.pinhole import Pinhole
+from sim.scenes import captured as surfaces
+from sim.sensor_edits import with_values
+from tests.unit.learning import capture_sets
+from tests.unit.learning.step_scenes import SHAPE, step_scene
+
+SENSOR = capture_sets.sensor()
+
+
+@pytest.fixture
+def captures(tmp_path: Path) -> CaptureSet:
+    return open_set(capture_sets.write(tmp_path / "set"))
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
+    """Put made physics where simulating takes time; list what each call was asked."""
+    calls: list[dict] = []
+
+    def made(scene: object, sensor: object, **how: object) -> Physics:
+        calls.append({"scene": scene, "sensor": sensor, **how})
+        found = step_scene(len(calls)).physics
+        assert found is not None
+        return found
+
+    monkeypatch.setattr(simulated, "physics", made)
+    return calls
+
+
+def _same(one: Physics, other: Physics) -> None:
+    for field in dataclasses.fields(Physics):
+        first, second = getattr(one, field.name), getattr(other, field.name)
+        assert_array_equal(first, second)
+        assert np.asarray(first).dtype == np.asarray(second).dtype
+
+
+def test_examples_are_what_lies_on_disk(captures):
+    found = captured.examples(captures)
+    assert [example.scene for example in found] == list(capture_sets.SCENES)
+    assert [example.room for example in found] == list(capture_sets.ROOMS)
+    for number, example in enumerate(found):
+        truth_m, ndp, _ = capture_sets.drawn(number)
+        known = np.ones(SHAPE, bool)
+        known[capture_sets.UNKNOWN] = False
+        assert example.info == captures.info
+        assert_allclose(example.depth_m[known], truth_m[known], atol=5.1e-4)  # Half a step.
+        assert_array_equal(np.isfinite(example.depth_m), known)
+        assert_array_equal(example.ndp, ndp)
+        assert example.physics is None
+
+
+def test_pixels_count_right_of_the_left_band_where_the_reference_is_known(captures):
+    counted = captured.examples(captures)[0].counted
+    assert counted is not None
+    assert not counted[:, : capture_sets.LEFT_BAND].any()
+    assert not counted[capture_sets.UNKNOWN].any()
+    assert counted[capture_sets.UNKNOWN.stop :, capture_sets.LEFT_BAND :].all()
+
+
+def test_rooms_are_chosen_and_a_room_that_is_none_is_refused(captures):
+    found = captured.examples(captures, rooms=("study", "cellar"))
+    assert [example.room for example in found] == ["cellar", "study"]
+    with pytest.raises(InputError, match=r"^room must be a known name; got 'yard'\. Known: "):
+        captured.examples(captures, rooms=("attic", "yard"))
+
+
+@pytest.mark.parametrize(("lost", "missing"), [("truth.png", "truth"), ("0/depth.png", "depth")])
+def test_a_scene_without_both_depths_is_refused(captures, lost, missing):
+    scene = captures.scenes[1]
+    (scene.path / lost).unlink()
+    line = (
+        f"scene cellar-view must have reference depth and the device's own; got no {missing}.png. "
+        "Leave it out, or capture both."
+    )
+    with pytest.raises(InputError) as caught:
+        captured.example(scene)
+    assert str(caught.value) == line
+
+
+def test_without_infrared_an_example_has_no_reflectance(captures):
+    for name in ("ir_left", "ir_right"):
+        (captures.scenes[0].path / "0" / f"{name}.png").unlink()
+    assert captured.example(captures.scenes[0]).reflectance is None
+    line = r"^scene must have truth\.png and ir_left\.png; got .*attic-view\. Choose a scene with"
+    with pytest.raises(InputError, match=line):
+        surfaces.reflectance(captures.scenes[0])
+
+
+def test_reflectance_is_the_smoothed_level_over_its_mean(captures):
+    """Half of 44 DN and half of 24 DN above black, far from the step: 0.5 times 40 and 20 over 30.
+
+    Says nothing of what a real scene reflects: light and reflectance are one in an image.
+    """
+    scene = captures.scenes[0]
+    image = np.full(SHAPE, 44, np.uint8)
+    image[:, SHAPE[1] // 2 :] = 24
+    (scene.path / "0" / "ir_left.png").write_bytes(png.encode(image))
+    found = surfaces.reflectance(scene, smoothing_px=2.0)
+    assert found.dtype == np.float32
+    assert_allclose(found[:, :20], 0.5 * 40 / 30, rtol=1e-3)
+    assert_allclose(found[:, -20:], 0.5 * 20 / 30, rtol=1e-3)
+    assert found.mean() == pytest.approx(0.5, rel=1e-5)
+
+
+def test_smoothing_leaves_no_dot_in_an_example(captures):
+    """Dots of one pixel deviate by 0.6 of the mean; of a Gaussian of 12 px some 1 % is left."""
+    reflectance = captured.examples(captures)[0].reflectance
+    assert reflectance is not None
+    sharp = capture_sets.drawn(0)[2].astype(float) - 4
+    assert sharp.std() / sharp.mean() > 0.5
+    assert np.abs(np.diff(reflectance, axis=1)).max() < 0.01
+
+
+def test_what_the_lens_darkens_is_taken_out(captures):
+    scene = captures.scenes[0]
+    darkening = shading.vignetting(4.0, Pinhole.of(captures.info))
+    image = np.round(4 + 200 * darkening).astype(np.uint8)
+    (scene.path / "0" / "ir_left.png").write_bytes(png.encode(image))
+    (scene.path / "0" / "ir_left_off.png").write_bytes(png.encode(image))
+    found = surfaces.reflectance(scene, vignetting=4.0)
+    assert darkening.min() < 0.85
+    assert_allclose(found, 0.5, rtol=0.01)  # Half a DN of 140.
+
+
+def test_reflectance_is_taken_from_the_image_with_the_projector_off(captures):
+    scene = captures.scenes[0]
+    ramp = np.broadcast_to(np.arange(40, 40 + SHAPE[1], dtype=np.uint8), SHAPE)
+    (scene.path / "0" / "ir_left_off.png").write_bytes(png.encode(np.ascontiguousarray(ramp)))
+    level = ramp.astype(float) - 4
+    assert_allclose(surfaces.reflectance(scene), 0.5 * level / level.mean(), rtol=1e-5)
+
+
+def test_even_surfaces_have_one_reflectance(captures):
+    scene = captures.scenes[0]
+    seen = captured.surface(scene, SENSOR)
+    even = captured.surface(scene, SENSOR, even=True)
+    assert any(body.texture is not None for body in seen.bodies)
+    assert all(body.texture is None for body in even.bodies)
+    assert {body.material.reflectance for body in even.bodies} == {0.5}
+    for one, other in zip(seen.bodies, even.bodies, strict=True):
+        assert_array_equal(one.mesh.vertices, other.mesh.vertices)
+    (scene.path / "0" / "ir_left.png").unlink()
+    (scene.path / "0" / "ir_right.png").unlink()
+    without = captured.surface(scene, SENSOR, even=True)  # No image is asked for.
+    assert_array_equal(without.bodies[0].mesh.vertices, even.bodies[0].mesh.vertices)
+
+
+def test_a_scene_of_known_geometry_is_simulated_as_that(captures):
+    scene = captures.scenes[0]
+    rows = (
+        "[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]"
+    )
+    (scene.path / "scene.toml").write_text(f'scene = "wall:1.5"\nleft_from_world = {rows}\n')
+    for even in (False, True):
+        found = captured.surface(scene, SENSOR, even=even)
+        assert [body.name for body in found.bodies] == ["wall"]
+
+
+def test_kept_physics_is_the_fresh_one_bit_for_bit(captures, tmp_path):
+    scene = captures.scenes[0]
+    fresh = captured.example(scene, simulation=Simulation(sensor=SENSOR, draws=2)).physics
+    keeping = Simulation(sensor=SENSOR, draws=2, cache=tmp_path / "kept")
+    first, again = (captured.example(scene, simulation=keeping).physics for _ in range(2))
+    assert fresh is not None and first is not None and again is not None
+    assert 0 < fresh.ndp.mean() < 1
+    _same(fresh, first)
+    _same(fresh, again)
+
+
+def test_what_is_kept_is_not_simulated_again(captures, asked, tmp_path):
+    simulation = Simulation(sensor=SENSOR, draws=3, cache=tmp_path / "kept")
+    first = captured.examples(captures, simulation=simulation)
+    assert len(asked) == 4
+    again = captured.examples(captures, simulation=simulation)
+    assert len(asked) == 4
+    for one, other in zip(first, again, strict=True):
+        assert one.physics is not None and other.physics is not None
+        _same(one.physics, other.physics)
+    elsewhere = dataclasses.replace(simulation, cache=tmp_path / "other")
+    captured.example(captures.scenes[0], simulation=elsewhere)
+    names = {path.name for path in (tmp_path / "kept").iterdir()}
+    assert len(names) == 4
+    assert {path.name for path in (tmp_path / "other").iterdir()} < names  # The place is no matter.
+
+
+def test_scenes_have_draws_of_their_own(captures, asked):
+    captured.examples(captures, simulation=Simulation(sensor=SENSOR, draws=3, seed=5))
+    assert {call["draws"] for call in asked} == {3}
+    assert len({call["seed"] for call in asked}) == 4
+
+
+@pytest.mark.parametrize("even", [False, True])
+def test_what_is_simulated_is_the_scene_by_the_sensor_that_was_given(captures, asked, even):
+    captured.example(captures.scenes[0], simulation=Simulation(sensor=SENSOR, even=even))
+    (call,) = asked
+    assert call["sensor"] is SENSOR
+    assert {body.texture is None for body in call["scene"].bodies} == {even}
+
+
+def _with_pattern(path: Path) -> Simulation:
+    return Simulation(sensor=with_values(SENSOR, [("projector.pattern", str(path))]))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"draws": 9},
+        {"seed": 1},
+        {"even": True},
+        {"sensor": with_values(SENSOR, [("projector.power_w", 1.1)])},
+        {"sensor": with_values(SENSOR, [("imager.gain", 2.0)])},
+    ],
+)
+def test_another_simulation_is_kept_apart(captures, asked, tmp_path, changed):
+    plain = Simulation(sensor=SENSOR, cache=tmp_path / "kept")
+    scene = captures.scenes[0]
+    captured.example(scene, simulation=plain)
+    captured.example(scene, simulation=dataclasses.replace(plain, **changed))
+    assert len(asked) == 2
+    assert len(list((tmp_path / "kept").iterdir())) == 2
+    captured.example(scene, simulation=plain)
+    assert len(asked) == 2
+
+
+def test_another_mesh_in_the_same_file_is_simulated_anew(captures, asked, tmp_path):
+    scene, simulation = captures.scenes[0], Simulation(sensor=SENSOR, cache=tmp_path / "kept")
+    rows = ", ".join(str([float(i == j) for j in range(4)]) for i in range(4))
+    (scene.path / "scene.toml").write_text(f'scene = "body.ply"\nleft_from_world = [{rows}]\n')
+    for size in (0.2, 0.3):
+        trimesh.creation.box((size, size, size)).export(scene.path / "body.ply")
+        captured.example(scene, simulation=simulation)
+    assert len(asked) == 2
+
+
+@pytest.mark.parametrize("name", ["truth.png", "0/ir_left.png", "scene.toml"])
+def test_another_scene_under_the_same_name_is_simulated_anew(captures, asked, tmp_path, name):
+    scene, simulation = captures.scenes[0], Simulation(sensor=SENSOR, cache=tmp_path / "kept")
+    captured.example(scene, simulation=simulation)
+    path = scene.path / name
+    if name == "scene.toml":
+        rows = ", ".join(str([float(i == j) for j in range(4)]) for i in range(4))
+        path.write_text(f'scene = "wall"\nleft_from_world = [{rows}]\n')
+    else:
+        image = png.read(path, "image").copy()
+        image[10, 30] += 1
+        path.write_bytes(png.encode(image))
+    captured.example(scene, simulation=simulation)
+    assert len(asked) == 2
+
+
+def test_another_pattern_in_the_same_file_is_simulated_anew(captures, asked, tmp_path):
+    path = tmp_path / "dots.png"
+    for number in (1, 2):
+        path.write_bytes(png.encode(np.full((8, 8), 100 + number, np.uint8)))
+        simulation = dataclasses.replace(_with_pattern(path), cache=tmp_path / "kept")
+        captured.example(captures.scenes[0], simulation=simulation)
+        assert len(asked) == number
+
+
+def _holes(share: float, counted: float) -> Example:
+    ndp = np.zeros(SHAPE, bool)
+    ndp[: round(share * counted * SHAPE[0])] = True
+    where = np.zeros(SHAPE, bool)
+    where[: round(counted * SHAPE[0])] = True
+    return dataclasses.replace(step_scene(0), ndp=ndp, counted=where)
+
+
+def test_the_share_of_holes_is_the_mean_over_scenes():
+    """Scenes of a quarter and of all pixels count alike: 0.5 and 0.25 make 0.375."""
+    assert captured.ndp_rate([_holes(0.5, 0.25), _holes(0.25, 1.0)]) == pytest.approx(0.375)
+    nothing = dataclasses.replace(step_scene(0), counted=np.zeros(SHAPE, bool))
+    with pytest.raises(InputError, match="counted must hold a pixel; got none in scene scene0"):
+        captured.ndp_rate([nothing])
+
+
+def test_a_folder_to_keep_physics_in_is_named_once(tmp_path):
+    plain = Simulation(sensor=SENSOR)
+    kept = captured.caching(plain, tmp_path / "one")
+    assert kept.cache == tmp_path / "one"
+    assert captured.caching(kept, tmp_path / "two") is kept

@@ -1,0 +1,123 @@
+"""What an evaluation leaves: figures as plain values, and pictures."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from learning import evaluation, evaluation_pictures, evaluation_report
+from learning.evaluation import Told
+from learning.figures import classification
+from learning.hole_kinds import KINDS
+from sim import record, sheet
+from tests.unit.learning.step_scenes import SHAPE, step_scene
+
+FIGURES = [field.name for field in dataclasses.fields(classification.Classification)]
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def told(quality: float, *, scenes: int = 4, rooms: int = 4) -> list[Told]:
+    """Made scenes and a probability between chance (0) and the holes themselves (1)."""
+    found = []
+    for number in range(scenes):
+        rng = np.random.default_rng(number)
+        scene = step_scene(number, room=f"room{number % rooms}")
+        assert scene.ndp is not None
+        ndp = scene.ndp | (rng.random(SHAPE) < 0.02)
+        probability = quality * ndp + (1 - quality) * rng.random(SHAPE)
+        scene = dataclasses.replace(scene, ndp=ndp)
+        found.append(Told(example=scene, probability=probability.astype(np.float32)))
+    return found
+
+
+def shown(picture: bytes) -> np.ndarray:
+    """Pixels (h, w, 3) of a PNG."""
+    assert picture.startswith(PNG)
+    image = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    return image
+
+
+def test_figures_are_the_scores_as_plain_values():
+    scores = {"dim": evaluation.scores(told(0.3)), "good": evaluation.scores(told(0.9))}
+    found = evaluation_report.figures(scores, seed=4)
+    assert json.loads(record.dumps(found)) == found
+    assert list(found["methods"]) == ["dim", "good"]
+    for name, of_it in found["methods"].items():
+        assert list(of_it) == ["mean", "worst", "mean_off_edges", "rooms", "kinds"]
+        assert list(of_it["rooms"]) == ["room0", "room1", "room2", "room3"]
+        assert list(of_it["kinds"]) == list(KINDS)
+        assert list(of_it["kinds"]["edge"]) == ["share", "sure", "at_fpr10"]
+        for figure in FIGURES:
+            rooms = [room[figure] for room in of_it["rooms"].values()]
+            assert of_it["mean"][figure] == pytest.approx(np.mean(rooms))
+            assert of_it["worst"][figure] in (min(rooms), max(rooms))
+        off_edges = [one.auc for one in scores[name].rooms_off_edges.values()]
+        assert of_it["mean_off_edges"]["auc"] == pytest.approx(np.mean(off_edges))
+    between = evaluation.differences(scores, seed=4)["good"]["dim"]
+    assert found["differences"]["good"]["dim"]["auc"] == dataclasses.asdict(between["auc"])
+    gain = found["methods"]["good"]["mean"]["auc"] - found["methods"]["dim"]["mean"]["auc"]
+    assert found["differences"]["good"]["dim"]["auc"]["mean"] == pytest.approx(gain)
+    assert set(found["differences"]["good"]["dim"]["auc"]) == {
+        *("mean", "low", "high", "rooms", "above"),
+    }
+
+
+def test_one_room_has_no_differences_and_one_method_none_to_another():
+    of_room = told(0.5, scenes=2, rooms=1)
+    one_room = {"a": evaluation.scores(of_room), "b": evaluation.scores(of_room)}
+    assert "differences" not in evaluation_report.figures(one_room, seed=0)
+    alone = evaluation_report.figures({"a": evaluation.scores(told(0.5))}, seed=0)
+    assert alone["differences"] == {}
+
+
+def test_curves_of_every_method_are_drawn():
+    scores = {f"method {n}": evaluation.scores(told(n / 4)) for n in range(4)}
+    all_of_them = shown(evaluation_pictures.curves(scores))
+    one = shown(evaluation_pictures.curves({"method 3": scores["method 3"]}))
+    assert all_of_them.shape == one.shape
+    assert (all_of_them != one).any(axis=2).mean() > 1e-3
+
+
+@pytest.fixture
+def sheets(monkeypatch: pytest.MonkeyPatch) -> list[list[list[str]]]:
+    """Titles of the panels of each sheet that is drawn, by row."""
+    found: list[list[list[str]]] = []
+    draw = sheet.draw
+
+    def spied(rows, shape, **how):
+        found.append([[panel.draw.keywords["title"] for panel in row] for row in rows])
+        assert shape == SHAPE
+        return draw(rows, shape, **how)
+
+    monkeypatch.setattr(sheet, "draw", spied)
+    return found
+
+
+def test_scenes_show_reference_holes_and_every_method(sheets):
+    methods = {"dim": told(0.3, scenes=2), "good": told(0.9, scenes=2)}
+    shown(evaluation_pictures.scenes(methods))
+    assert len(sheets) == 1
+    assert sorted(sheets[0]) == [
+        [f"scene{n}: reference", "no depth", "dim", "good"] for n in range(2)
+    ]
+
+
+def test_scenes_with_the_most_holes_missed_by_the_last_method_come_first(sheets):
+    """Of scene n five times n holes are missed."""
+    several = []
+    for number, one in enumerate(told(1.0, scenes=6, rooms=6)):
+        counted = one.example.counted
+        assert counted is not None
+        holes = np.flatnonzero((one.probability > 0) & counted)
+        probability = one.probability.copy().ravel()
+        assert len(holes) > 25
+        probability[holes[: number * 5]] = 0.49
+        several.append(Told(example=one.example, probability=probability.reshape(SHAPE)))
+    blind = [Told(example=o.example, probability=0 * o.probability) for o in several]
+    shown(evaluation_pictures.scenes({"blind": blind, "last": several}))
+    assert [row[0] for row in sheets[0]] == [f"scene{n}: reference" for n in (5, 4, 3, 2)]

@@ -1,0 +1,68 @@
+"""Methods by name: each is made as it is called, and loads what it needs alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+
+import pytest
+
+from learning import registry
+from patterns.errors import InputError
+from tests.unit.learning.step_scenes import step_scene
+
+NETWORKS = ("network", "network_reflectance", "hybrid", "hybrid_reflectance", "pix2pix", "cyclegan")
+
+
+@pytest.mark.parametrize("name", registry.NAMES)
+def test_every_method_is_called_what_it_is_asked_for_by(name):
+    method = registry.method(name)
+    assert method.name == name
+    assert callable(method.fit) and callable(method.load)
+
+
+@pytest.mark.parametrize("name", registry.NAMES)
+def test_steps_are_a_network_s_alone(name):
+    plain, short = registry.method(name), registry.method(name, steps=7)
+    if name not in NETWORKS:
+        assert short == plain
+        return
+    assert short.settings.steps == 7  # type: ignore[attr-defined]
+    assert plain.settings.steps > 7  # type: ignore[attr-defined]
+    settings = dataclasses.replace(short.settings, steps=plain.settings.steps)  # type: ignore[attr-defined]
+    assert settings == plain.settings  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("steps", [0, -3])
+@pytest.mark.parametrize("name", NETWORKS)
+def test_a_network_without_a_step_is_refused(name, steps):
+    with pytest.raises(InputError, match=rf"steps must be .*; got {steps}\.") as caught:
+        registry.method(name, steps=steps)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_name_is_refused_and_the_nearest_named_first():
+    with pytest.raises(InputError) as caught:
+        registry.method("hybird")
+    line = str(caught.value)
+    assert line.startswith("method must be a known name; got 'hybird'. Known: hybrid, ")
+    assert all(name in line for name in registry.NAMES)
+
+
+@pytest.mark.parametrize("name", sorted(registry.ON_PHYSICS))
+def test_methods_on_physics_refuse_scenes_without(name, tmp_path):
+    scene = dataclasses.replace(step_scene(0), physics=None)
+    with pytest.raises(InputError, match="physics must be given to a method that builds on it"):
+        method = registry.method(name, steps=1)
+        method.fit([scene], folder=tmp_path, seed=0).probability(scene)
+
+
+def test_a_cheap_method_loads_no_network_and_no_renderer():
+    code = (
+        "import sys; from learning import registry;"
+        "[registry.method(name) for name in ('perfect', 'simple', 'trees', 'physics')];"
+        "print([m for m in ('torch', 'mitsuba', 'sklearn', 'matplotlib') if m in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"

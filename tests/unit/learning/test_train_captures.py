@@ -1,0 +1,180 @@
+"""`starling train`: captures in, a method that has learnt out."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from learning import captured, simulated, work_folder
+from learning.captured import Simulation
+from learning.methods.simple import Simple
+from learning.train_captures import PHYSICS, train_captures, trained
+from patterns.errors import InputError
+from sim.capture import open_set
+from sim.output import RECORD
+from tests.unit.learning import capture_sets
+from tests.unit.learning.step_scenes import step_scene
+
+SIMULATION = Simulation(sensor=capture_sets.sensor(), draws=3)
+
+
+@pytest.fixture
+def captures(tmp_path: Path) -> str:
+    return str(capture_sets.write(tmp_path / "set"))
+
+
+@pytest.fixture
+def simulations(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Put made physics where simulating takes time; list the seeds that were asked."""
+    seeds: list[int] = []
+
+    def made(scene: object, sensor: object, *, draws: int, seed: int):
+        seeds.append(seed)
+        return step_scene(len(seeds)).physics
+
+    monkeypatch.setattr(simulated, "physics", made)
+    return seeds
+
+
+def test_a_method_is_trained_and_read_back(captures, tmp_path):
+    out = tmp_path / "out"
+    found = train_captures("simple", captures, out, asked={"sensor": None})
+    assert found["method"] == "simple" and found["out"] == str(out) and found["seconds"] >= 0
+    assert found["scenes"] == list(capture_sets.SCENES)
+    examples = captured.examples(open_set(captures))
+    assert found["ndp_rate"] == pytest.approx(captured.ndp_rate(examples))
+    assert {path.name for path in out.iterdir()} == {"simple.npz", RECORD}
+    record = json.loads((out / RECORD).read_text())
+    assert record["verb"] == "train"
+    assert record["figures"] == {key: found[key] for key in ("method", "scenes", "ndp_rate")}
+    assert record["arguments"] == {
+        "method": "simple", "captures": captures, "rooms": None, "steps": None, "seed": 0,
+        "simulated_with": None, "sensor": None,
+    }  # fmt: skip
+    name, predictor = trained(out)
+    assert name == "simple"
+    alone = Simple().fit(examples, folder=tmp_path / "alone", seed=0)
+    assert_array_equal(predictor.probability(examples[0]), alone.probability(examples[0]))
+
+
+def test_only_the_rooms_that_are_named_are_learnt_from(captures, tmp_path):
+    found = train_captures("simple", captures, tmp_path / "out", rooms=("hall", "attic"))
+    assert found["scenes"] == ["attic-view", "hall-view"]
+    with pytest.raises(InputError, match="room must be a known name; got 'loo'"):
+        train_captures("simple", captures, tmp_path / "other", rooms=("loo",))
+    assert not (tmp_path / "other").exists()
+
+
+def test_physics_is_simulated_for_methods_that_build_on_it_and_kept(
+    captures, tmp_path, simulations
+):
+    out = tmp_path / "out"
+    train_captures("physics_recalibrated", captures, out, simulation=SIMULATION)
+    assert len(simulations) == 4
+    assert len(list((out / PHYSICS).iterdir())) == 4
+    elsewhere = dataclasses.replace(SIMULATION, cache=out / PHYSICS)
+    train_captures("physics_recalibrated", captures, tmp_path / "again", simulation=elsewhere)
+    assert len(simulations) == 4
+    assert not (tmp_path / "again" / PHYSICS).exists()
+    both = [trained(tmp_path / name)[1] for name in ("out", "again")]
+    assert both[0] == both[1]
+
+
+def test_other_methods_are_not_kept_waiting_for_a_simulation(captures, tmp_path, simulations):
+    train_captures("simple", captures, tmp_path / "out", simulation=SIMULATION)
+    assert simulations == []
+    assert not (tmp_path / "out" / PHYSICS).exists()
+
+
+@pytest.mark.parametrize(
+    ("method", "line"),
+    [
+        ("physics", "sensor must be given for physics; got none. Give --sensor."),
+        ("hybrid", "sensor must be given for hybrid; got none. Give --sensor."),
+        ("oracle", "method must be a known name; got 'oracle'. Known: "),
+    ],
+)
+def test_what_cannot_be_trained_leaves_no_folder(captures, tmp_path, method, line):
+    with pytest.raises(InputError) as caught:
+        train_captures(method, captures, tmp_path / "out")
+    assert str(caught.value).startswith(line)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_captures_are_never_written_to(captures, tmp_path):
+    for out in (Path(captures), Path(captures) / "attic-view" / "model", tmp_path):
+        with pytest.raises(InputError, match="out must lie apart from what it is made from"):
+            train_captures("simple", captures, out, force=True)
+    assert open_set(captures).scenes[0].truth_m() is not None
+
+
+def test_training_that_was_cut_short_goes_on(captures, tmp_path, simulations, monkeypatch):
+    out, real = tmp_path / "out", Simple.fit
+
+    def cut_short(self, examples, *, folder, **how):
+        (folder / "checkpoint").write_text("half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Simple, "fit", cut_short)
+    with pytest.raises(KeyboardInterrupt):
+        train_captures("simple", captures, out)
+    assert {path.name for path in out.iterdir()} == {"checkpoint", work_folder.UNFINISHED}
+    with pytest.raises(InputError, match="model must be a folder that `starling train` has"):
+        trained(out)
+    with pytest.raises(InputError, match="out must hold no other unfinished work; got"):
+        train_captures("simple", captures, out, seed=1)
+
+    def goes_on(self, examples, *, folder, **how):
+        assert (folder / "checkpoint").read_text() == "half"
+        return real(self, examples, folder=folder, **how)
+
+    monkeypatch.setattr(Simple, "fit", goes_on)
+    train_captures("simple", captures, out)
+    assert {path.name for path in out.iterdir()} == {"checkpoint", "simple.npz", RECORD}
+
+
+def test_finished_training_needs_force(captures, tmp_path):
+    out = tmp_path / "out"
+    train_captures("simple", captures, out, rooms=("hall",))
+    (out / "old").write_text("")
+    with pytest.raises(InputError, match=r"out must be an empty or new folder; .* give --force\."):
+        train_captures("simple", captures, out)
+    assert json.loads((out / RECORD).read_text())["arguments"]["rooms"] == ["hall"]
+    train_captures("simple", captures, out, force=True)
+    assert {path.name for path in out.iterdir()} == {"simple.npz", RECORD}
+    assert json.loads((out / RECORD).read_text())["arguments"]["rooms"] is None
+
+
+@pytest.mark.parametrize(
+    "record", [None, "", "[]", '{"verb": "simulate", "arguments": {"seed": 0}}', '{"arguments": 3}']
+)
+def test_a_folder_that_holds_no_trained_model_is_refused(tmp_path, record):
+    if record is not None:
+        (tmp_path / RECORD).write_text(record)
+    with pytest.raises(InputError) as caught:
+        trained(tmp_path)
+    assert str(caught.value) == (
+        f"model must be a folder that `starling train` has finished; got {tmp_path}. "
+        "Train it, or name the right one."
+    )
+
+
+def test_a_record_without_its_model_is_refused(tmp_path):
+    (tmp_path / RECORD).write_text('{"arguments": {"method": "simple"}}')
+    with pytest.raises(InputError, match=r"^model must exist; got .*simple\.npz\. Train simple"):
+        trained(tmp_path)
+    (tmp_path / RECORD).write_text('{"arguments": {"method": "oracle"}}')
+    with pytest.raises(InputError, match="method must be a known name; got 'oracle'"):
+        trained(tmp_path)
+
+
+def test_a_method_without_files_is_trained_too(captures, tmp_path):
+    train_captures("perfect", captures, tmp_path / "out")
+    name, predictor = trained(tmp_path / "out")
+    assert name == "perfect"
+    assert not np.any(predictor.probability(step_scene(0)))

@@ -1,0 +1,115 @@
+"""A folder for long work: gone on with, kept from other work, never somebody's own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from learning import work_folder
+from patterns.errors import InputError
+from sim.output import RECORD
+
+ARGUMENTS = {"method": "trees", "rooms": ("a", "b"), "seed": 0, "captures": Path("set")}
+OTHERS = {**ARGUMENTS, "seed": 1}
+
+
+def _refused(folder: Path, arguments: dict, *, force: bool) -> str:
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    with pytest.raises(InputError) as caught:
+        work_folder.begin(folder, arguments, force=force)
+    line = str(caught.value)
+    assert "\n" not in line
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+    return line
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_a_new_or_empty_folder_is_begun(tmp_path, force):
+    (tmp_path / "empty").mkdir()
+    for folder in (tmp_path / "new" / "deep", tmp_path / "empty"):
+        work_folder.begin(folder, ARGUMENTS, force=force)
+        assert [path.name for path in folder.iterdir()] == [work_folder.UNFINISHED]
+    marker = json.loads((tmp_path / "empty" / work_folder.UNFINISHED).read_text())
+    assert marker == {"method": "trees", "rooms": ["a", "b"], "seed": 0, "captures": "set"}
+
+
+def test_the_same_work_goes_on_with_what_lies_there(tmp_path):
+    work_folder.begin(tmp_path, ARGUMENTS, force=False)
+    (tmp_path / "model.npz").write_text("half")
+    work_folder.begin(tmp_path, dict(ARGUMENTS), force=False)
+    assert (tmp_path / "model.npz").read_text() == "half"
+
+
+def test_other_work_needs_force_and_then_starts_anew(tmp_path):
+    work_folder.begin(tmp_path / "out", ARGUMENTS, force=False)
+    (tmp_path / "out" / "model.npz").write_text("half")
+    line = _refused(tmp_path / "out", OTHERS, force=False)
+    assert line == (
+        f"out must hold no other unfinished work; got {tmp_path / 'out'}. "
+        "Choose another, or give --force to drop it."
+    )
+    work_folder.begin(tmp_path / "out", OTHERS, force=True)
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [work_folder.UNFINISHED]
+    assert json.loads((tmp_path / "out" / work_folder.UNFINISHED).read_text())["seed"] == 1
+
+
+def test_force_drops_the_same_unfinished_work_too(tmp_path):
+    work_folder.begin(tmp_path / "out", ARGUMENTS, force=False)
+    (tmp_path / "out" / "model.npz").write_text("half")
+    work_folder.begin(tmp_path / "out", ARGUMENTS, force=True)
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [work_folder.UNFINISHED]
+
+
+def test_the_end_leaves_a_record_in_the_mark_s_place(tmp_path):
+    work_folder.begin(tmp_path, ARGUMENTS, force=False)
+    work_folder.end(tmp_path, "train", ARGUMENTS, {"ndp_rate": np.float32(0.25), "auc": np.nan})
+    assert [path.name for path in tmp_path.iterdir()] == [RECORD]
+    record = json.loads((tmp_path / RECORD).read_text())
+    assert record["verb"] == "train"
+    assert record["arguments"] == {
+        "method": "trees", "rooms": ["a", "b"], "seed": 0, "captures": "set",
+    }  # fmt: skip
+    assert record["versions"]["numpy"] == np.__version__
+    assert record["figures"] == {"ndp_rate": 0.25, "auc": None}
+
+
+def test_finished_work_needs_force(tmp_path):
+    out = tmp_path / "out"
+    work_folder.begin(out, ARGUMENTS, force=False)
+    work_folder.end(out, "train", ARGUMENTS, {})
+    line = _refused(out, ARGUMENTS, force=False)
+    assert line == (
+        f"out must be an empty or new folder; got {out}. Choose another or give --force."
+    )
+    work_folder.begin(out, ARGUMENTS, force=True)
+    assert [path.name for path in out.iterdir()] == [work_folder.UNFINISHED]
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_somebody_s_own_files_are_never_removed(tmp_path, force):
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter.txt").write_text("years of work")
+    line = _refused(tmp_path, ARGUMENTS, force=force)
+    assert line == f"out must be an empty or new folder; got {tmp_path}. Choose another one."
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_a_file_is_no_folder(tmp_path, force):
+    (tmp_path / "out").write_text("a letter")
+    with pytest.raises(InputError) as caught:
+        work_folder.begin(tmp_path / "out", ARGUMENTS, force=force)
+    assert str(caught.value) == (
+        f"out must be a folder; got the file {tmp_path / 'out'}. Choose another name."
+    )
+    assert (tmp_path / "out").read_text() == "a letter"
+
+
+def test_a_record_that_cannot_be_written_is_refused(tmp_path):
+    work_folder.begin(tmp_path, ARGUMENTS, force=False)
+    (tmp_path / RECORD).mkdir()
+    with pytest.raises(InputError, match="out must be a file; got the folder"):
+        work_folder.end(tmp_path, "train", ARGUMENTS, {})
+    assert (tmp_path / work_folder.UNFINISHED).is_file()
