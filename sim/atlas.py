@@ -30,6 +30,7 @@ SHOWN_WITH: dict[str, dict[str, Value]] = {
     "rolling_shutter": {"motion": 1.0},
     "black_level": {"quantisation": 8.0},
     "blooming": {"projector_power": 2.0},
+    "dropped_bits": {"quantisation": 8},
 }
 _FRAMES = 6  # Where a filter over time is on: enough for it to settle.
 _CROP = (0.42, 0.40, 0.36)  # Left, top and size of the part shown of the infrared, of the image's.

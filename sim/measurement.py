@@ -28,7 +28,7 @@ def measure(
     """Match an infrared pair, triangulate and post-process.
 
     Args:
-        ir_left: (h, w) uint8, or uint16 of as many bits as the sensor's left imager has.
+        ir_left: (h, w) uint8, or uint16 of as many bits as the left imager's matched ones.
         ir_right: likewise, rectified; None for structured light, which has a stored reference.
         sensor: its matcher, geometry and post-processing.
         causes: masks (h, w) of what else is known to keep a pixel from having depth. They name
@@ -69,5 +69,5 @@ def _matched(ir_left: NDArray, ir_right: NDArray | None, sensor: Sensor) -> Disp
         )
     from sim.matching import match, readable
 
-    bits = sensor.left.bit_depth
+    bits = sensor.left.matched_bits
     return match(readable(ir_left, bits), readable(ir_right, bits), sensor.matcher)

@@ -10,7 +10,7 @@ import numpy as np
 
 from patterns import errors
 from sim import frames, projector
-from sim.imager import Infrared, digital
+from sim.imager import Infrared, finest
 from sim.optics.blur import blur
 from sim.sensor import Sensor
 
@@ -61,7 +61,7 @@ def _image(sensor: Sensor, beyond_px: int) -> Infrared:
     aim = max(imager.auto_exposure_level, 0.1) * imager.ceiling_dn
     mean = float(light[:, beyond_px:].mean())
     level = light * np.float32(aim / max(mean, 1e-30)) + imager.black_level_dn
-    stored = digital(imager, level)
+    stored = finest(imager, level)
     stored.flags.writeable = False
     return stored
 
@@ -73,7 +73,7 @@ def matched(ir_left: Infrared, sensor: Sensor) -> DisparityMap:
     up to the image's left border, at 0.6 m as at 3 m, where a pair has none in the first columns.
 
     Args:
-        ir_left: (h, w) uint8, or uint16 of as many bits as the sensor's left imager has.
+        ir_left: (h, w) uint8, or uint16 of as many bits as the left imager's matched ones.
         sensor: with `kind = "structured_light"`.
 
     Returns:
@@ -87,7 +87,7 @@ def matched(ir_left: Infrared, sensor: Sensor) -> DisparityMap:
 
     beyond = sensor.matcher.min_disparity_px + sensor.matcher.search_px
     seen = cv2.copyMakeBorder(ir_left, 0, 0, beyond, 0, cv2.BORDER_REPLICATE)
-    bits = sensor.left.bit_depth
+    bits = sensor.left.matched_bits
     stored = readable(image(sensor, beyond_px=beyond), bits)
     found = match(readable(np.asarray(seen), bits), stored, sensor.matcher)
     return DisparityMap(

@@ -52,6 +52,8 @@ class Pair:
 
     left: Infrared
     right: Infrared | None  # None: structured light.
+    matched_left: Infrared  # With the bits that `left` lacks and the matcher reads.
+    matched_right: Infrared | None
     electrons: Image  # Expected in the left imager's pixels, before noise (h, w).
     exposure: imager.Exposure
 
@@ -146,7 +148,7 @@ def expose(
     """
     pair = infrared(layers, scene, sensor, seed=seed, frame=frame)
     causes = _geometric_causes(layers.truth, sensor) | _photometric_causes(sensor.left, pair)
-    depth = measure(pair.left, pair.right, sensor, causes=causes, past=past)
+    depth = measure(pair.matched_left, pair.matched_right, sensor, causes=causes, past=past)
     return Shot(
         layers=layers,
         ir_left=pair.left,
@@ -172,7 +174,7 @@ def infrared(
         light = received(views[side], scene, sensor, seed=seed, frame=frame)
         return optics.image(light, views[side].depth_m, sensor, side, seed=seed)
 
-    def read_out(side: Side) -> Infrared:
+    def read_out(side: Side) -> imager.Readout:
         return imager.read_out(
             parts[side],
             electrons[side],
@@ -192,9 +194,12 @@ def infrared(
             for side, image in images.items()
         }
         read = dict(zip(views, pool.map(read_out, views), strict=True))
+    right = read.get("right")
     return Pair(
-        left=read["left"],
-        right=read.get("right"),
+        left=read["left"].delivered,
+        right=right and right.delivered,
+        matched_left=read["left"].matched,
+        matched_right=right and right.matched,
         electrons=electrons["left"],
         exposure=exposure,
     )

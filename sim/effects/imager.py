@@ -299,6 +299,28 @@ _QUANTISATION = Effect(
     source="Y8 infrared stream of the D4xx; OV9282: 8 or 10 bits (Linux driver); Kinect v1: 10",
 )
 
+_DROPPED_BITS = Effect(
+    name="dropped_bits",
+    family="quantisation",
+    stage=Stage.IMAGER,
+    parameters=(
+        Parameter(
+            name="bits",
+            paths=("imager.dropped_bits",),
+            unit="bit",
+            neutral=0,
+            choices=(0, 2, 4),
+        ),
+    ),
+    imitates="A device that matches its converter's own codes and puts out images of fewer bits.",
+    law="matched code = round(2^bits DN), image = round(DN)",
+    shows="The images stay as they are. Surfaces whose dots are fainter than one code have depth.",
+    confused_with=("quantisation", "texture_threshold"),
+    source="Left and right imagers of the D4xx give 10-bit raw (data sheet 337029, imager "
+    "tables); its infrared stream has 8, a packed 10-bit one is 'the native sensitivity' "
+    "(librealsense issue 5062)",
+)
+
 ROWS: tuple[Effect, ...] = (
     _EXPOSURE,
     _GAIN,
@@ -318,4 +340,5 @@ ROWS: tuple[Effect, ...] = (
     _GAMMA,
     _BLACK_LEVEL,
     _QUANTISATION,
+    _DROPPED_BITS,
 )

@@ -5,7 +5,9 @@ converter: gain, averaging, gamma, black level, whole codes.
 """
 
 from sim.imager.converter import Infrared as Infrared
+from sim.imager.converter import Readout as Readout
 from sim.imager.converter import digital as digital
+from sim.imager.converter import finest as finest
 from sim.imager.exposure import Exposure as Exposure
 from sim.imager.exposure import control as control
 from sim.imager.exposure import electrons_per_radiance as electrons_per_radiance

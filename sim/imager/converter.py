@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import cast
 
 import cv2
@@ -16,12 +17,16 @@ from sim.sensor import Imager
 Infrared = NDArray[np.uint8] | NDArray[np.uint16]
 
 
-def converted(part: Imager, charge: Image) -> Infrared:
-    """Convert charge [electrons] to DN: gain, averaging, gamma, black level, whole codes.
+@dataclass(frozen=True, slots=True, eq=False)
+class Readout:
+    """What a converter makes of one exposure, each (h, w), uint8 for 8 bits, else uint16."""
 
-    Returns:
-        (h, w) uint8 for 8 bits, else uint16.
-    """
+    delivered: Infrared  # The image that is put out, of `bit_depth` bits.
+    matched: Infrared  # The codes that the matcher reads, of `matched_bits` bits.
+
+
+def converted(part: Imager, charge: Image) -> Readout:
+    """Convert charge [electrons] to DN: gain, averaging, gamma, black level, whole codes."""
     signal = charge * np.float32(part.dn_per_electron)
     if part.smoothing_px > 0:
         # The device averages codes: what it cannot represent is cut before, not after.
@@ -29,7 +34,9 @@ def converted(part: Imager, charge: Image) -> Infrared:
         signal = smoothing.smoothed(signal, part.smoothing_px)
     signal = bent(signal, part.gamma, part.ceiling_dn)
     signal += np.float32(part.black_level_dn)
-    return digital(part, signal)
+    delivered = digital(part, signal)
+    finer = part.matched_bits > part.bit_depth
+    return Readout(delivered, finest(part, signal) if finer else delivered)
 
 
 def bent(signal: Image, gamma: float, ceiling_dn: float) -> Image:
@@ -58,6 +65,15 @@ def digital(imager: Imager, level: Image) -> Infrared:
     dtype = np.uint8 if imager.bit_depth == 8 else np.uint16
     codes = np.empty(level.shape, dtype)
     _round(level, np.float32(imager.ceiling_dn), codes)
+    return cast(Infrared, codes)
+
+
+def finest(imager: Imager, level: Image) -> Infrared:
+    """Convert a level [DN] to codes of all the converter's bits, several to a DN; (h, w)."""
+    dtype = np.uint8 if imager.matched_bits == 8 else np.uint16
+    codes = np.empty(level.shape, dtype)
+    scale = np.float32(2 ** (imager.matched_bits - imager.bit_depth))
+    _round(level * scale, np.float32(2**imager.matched_bits - 1), codes)
     return cast(Infrared, codes)
 
 

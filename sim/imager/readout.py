@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sim.imager import charge, converter, noise, well
-from sim.imager.converter import Infrared
+from sim.imager.converter import Readout
 from sim.imager.fixed_pattern import Die, Side
 from sim.layers import Image
 from sim.sensor import Imager
@@ -18,7 +18,7 @@ def read_out(
     side: Side,
     seed: int,
     frame: int,
-) -> Infrared:
+) -> Readout:
     """Turn the electrons that light makes into DN.
 
     Args:
@@ -29,9 +29,6 @@ def read_out(
         side: which of its imagers.
         seed: of the capture.
         frame: number in the capture.
-
-    Returns:
-        (h, w) uint8 for 8 bits, else uint16.
     """
     die = Die(unit, side)
     held = charge.collected(part, electrons, exposure_s, die)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from patterns import errors
+from patterns.whole import whole
 from sim.parts.lens import Alignment, Lens
 
 
@@ -35,7 +36,8 @@ class Imager:
     smoothing_px: float = 0.0  # Sigma of the averaging by which the device resamples [px].
     gamma: float = 1.0  # Level = ceiling (signal / ceiling)^(1 / gamma) + black level.
     black_level_dn: float = 0.0  # Pedestal [DN].
-    bit_depth: int = 16  # Bits of the converter.
+    bit_depth: int = 16  # Bits of the images put out; DN are their codes.
+    dropped_bits: int = 0  # Finer bits that the converter has and the matcher reads.
 
     def __post_init__(self) -> None:
         for name, high in _ABOVE_ZERO.items():
@@ -53,12 +55,18 @@ class Imager:
                 repr(self.bit_depth),
                 "Real depth cameras have 8 or 10.",
             )
+        whole("imager.dropped_bits", self.dropped_bits, 0, 8)
         errors.in_interval("imager.black_level_dn", self.black_level_dn, 0.0, self.ceiling_dn / 2)
 
     @property
     def ceiling_dn(self) -> int:
-        """Highest code of the converter [DN]."""
+        """Highest code that is put out [DN]."""
         return 2**self.bit_depth - 1
+
+    @property
+    def matched_bits(self) -> int:
+        """Bits of the converter, which the matcher reads; no more than 16."""
+        return min(self.bit_depth + self.dropped_bits, 16)
 
     @property
     def saturation_dn(self) -> int:

@@ -30,7 +30,9 @@ def read(part: Imager, light: np.ndarray | float, **changed: Any) -> np.ndarray:
         "frame": 0,
         **changed,
     }
-    return imager.read_out(part, np.ascontiguousarray(electrons), **chosen).astype(np.float64)
+    return imager.read_out(part, np.ascontiguousarray(electrons), **chosen).delivered.astype(
+        np.float64
+    )
 
 
 def average_e(part: Imager, light: np.ndarray | float, frames: int, **changed: Any) -> np.ndarray:

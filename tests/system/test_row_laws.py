@@ -56,7 +56,7 @@ def test_a_black_level_adds_exactly(level, bit_depth):
         side="left",
         seed=0,
         frame=0,
-    )
+    ).delivered
     assert np.array_equal(raised, np.minimum(wanted + level, part.ceiling_dn))
 
 

@@ -29,7 +29,7 @@ def repeats(part: Imager, *, count: int = 4, seed: int = 3, top: float = 0.6) ->
     frames = [
         imager.read_out(
             part, electrons, exposure_s=0.01, unit=0, side="left", seed=seed, frame=frame
-        )
+        ).delivered
         for frame in range(count)
     ]
     return np.stack(frames)

@@ -34,7 +34,37 @@ def read(part: Imager, electrons: np.ndarray, **changed: Any) -> np.ndarray:
         "frame": 0,
         **changed,
     }
-    return imager.read_out(part, electrons, **given)
+    return imager.read_out(part, electrons, **given).delivered
+
+
+@given(
+    bits=st.sampled_from((8, 10, 12, 16)),
+    dropped=st.integers(0, 8),
+    share=st.floats(0, 1),
+)
+def test_the_matcher_reads_the_bits_that_the_image_has_not(bits, dropped, share):
+    part = Imager(full_well_e=9000.0, bit_depth=bits, dropped_bits=dropped)
+    level = np.full((2, 3), share * part.ceiling_dn, np.float32)
+    finest = 2.0 ** -(part.matched_bits - bits)
+    codes = imager.finest(part, level)
+    assert part.matched_bits == min(bits + dropped, 16)
+    assert codes.max() < 2**part.matched_bits
+    # float32 carries 24 bits: of 16-bit codes it leaves 1/256 DN.
+    assert np.abs(codes * finest - level).max() <= finest / 2 + part.ceiling_dn * 2.0**-23
+    plain = dataclasses.replace(part, dropped_bits=0)
+    assert np.array_equal(imager.digital(part, level), imager.digital(plain, level))
+
+
+def test_what_leaves_the_device_does_not_know_of_dropped_bits():
+    part = Imager(full_well_e=9000.0, bit_depth=8, read_noise_e=30.0, shot_noise=1.0)
+    light = np.linspace(0, 9000, 60, dtype=np.float32).reshape(6, 10)
+    given = {"exposure_s": 0.01, "unit": 0, "side": "left", "seed": 3, "frame": 0}
+    plain = imager.read_out(part, light, **given)
+    fine = imager.read_out(dataclasses.replace(part, dropped_bits=2), light, **given)
+    assert plain.matched is plain.delivered
+    assert np.array_equal(fine.delivered, plain.delivered)
+    assert fine.matched.dtype == np.uint16
+    assert np.abs(fine.matched / 4 - plain.delivered).max() <= 0.5
 
 
 def test_neutral_imager_is_the_identity_up_to_its_step():
