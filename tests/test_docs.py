@@ -41,12 +41,16 @@ def test_readme_code_runs(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("page", TUTORIALS)
 def test_tutorial_commands_run(page: Path, tmp_path: Path) -> None:
-    """All `starling` lines of a page, in order and in one folder, as a reader types them."""
+    """All `starling` and `cp` lines of a page, in order and in one folder, as one types them."""
     lines = [line for block in _blocks(page, "sh") for line in block.splitlines()]
-    commands = [shlex.split(line) for line in lines if line.startswith("starling ")]
+    commands = [line for line in lines if line.startswith(("starling ", "cp "))]
     assert commands
-    for _, *arguments in commands:
-        _run(sys.executable, ROOT / "starling.py", *arguments, cwd=tmp_path)
+    for command in commands:
+        if command.startswith("cp "):
+            _run("sh", "-c", command, cwd=tmp_path)
+        else:
+            arguments = shlex.split(command)[1:]
+            _run(sys.executable, ROOT / "starling.py", *arguments, cwd=tmp_path)
 
 
 def test_conventions_list_every_reason() -> None:

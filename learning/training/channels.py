@@ -25,6 +25,7 @@ GEOMETRY: dict[str, str] = {
     "across": "disparity gradient along the row [px / px]",
     "down": "along the column",
     "incidence": "cosine between normal and ray; 1 = facing the camera",
+    "off_axis": "tangent of the ray's angle off the optical axis: lenses and lasers dim there",
     "column": "column / 1280 px",
     "right_column": "column in the right image / 32 px, within one: below 0 it lies outside",
 }
@@ -115,6 +116,7 @@ def _geometry(example: Example) -> dict[str, Image]:
         "across": np.clip(planes.across, -2, 2),
         "down": np.clip(planes.down, -2, 2),
         "incidence": incidence_cosine(planes, camera),
+        "off_axis": np.sqrt(camera.tangent_squared()),
         "column": column / np.float32(1280),
         "right_column": np.clip((column - disparity) / np.float32(32), -1, 1),
     }

@@ -43,6 +43,7 @@ def test_a_slanted_plane_has_its_gradient_and_incidence() -> None:
     np.testing.assert_allclose(_channel(example, "disparity"), fb * inverse / 32, rtol=1e-5)
     cosine = inverse / np.linalg.norm(normal) / np.sqrt(1 + u**2 + v**2)
     np.testing.assert_allclose(_channel(example, "incidence")[inner], cosine[inner], atol=1e-4)
+    np.testing.assert_allclose(_channel(example, "off_axis"), np.hypot(u, v), rtol=1e-5)
 
 
 def test_turning_the_scene_upside_down_turns_the_channels_and_the_signs_of_the_odd_ones() -> None:
