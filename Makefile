@@ -18,7 +18,7 @@ pictures: demo  ## Make the pictures of the documentation anew.
 	cp out/sweep/sweep.png docs/pictures/sweep.png
 
 test: setup-test  ## Run every test but the minutes-long ones; set up with torch.
-	$(pytest)
+	$(pytest) -n 2 --dist worksteal
 
 test-fast: setup-test  ## Run the tests that take seconds.
 	$(pytest) -m "not slow and not long"
