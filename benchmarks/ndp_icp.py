@@ -21,7 +21,6 @@ from learning.captured import Simulation
 from learning.evaluate_captures import FOLDS
 from learning.icp import comparison, objects, study
 from learning.icp.alignment import Disturbance
-from learning.perlin import Perlin
 from sim import asked_sensor, capture, png, progress, simulate
 from sim.simulate_captures import scene_seed
 
@@ -33,7 +32,6 @@ PUBLISHED = {  # Sweeney et al. 2019, Table I [percent].
     "cyclegan": (62.3, 196, 227, 95.8),
 }
 DISTURBANCES = ((0.03, 15.0), (0.08, 40.0))  # [m], [deg]
-SAMPLING = sampling.Sampling(noise=Perlin(correlation_px=9.0, correlation_frames=3.0))
 
 
 def main() -> None:
@@ -87,7 +85,9 @@ def _depths(scene, example, folder, simulation):
     found = {study.REAL: scene.frame(scene.frames[0]).depth_m}
     for method in sorted(path.name for path in folder.iterdir()):
         probability = png.read(folder / method / f"{scene.name}.png", "probability") / 65535
-        ndp = sampling.ndp(probability.astype(np.float32), SAMPLING, seed=scene_seed(0, scene.name))
+        ndp = sampling.ndp(
+            probability.astype(np.float32), sampling.TYPICAL, seed=scene_seed(0, scene.name)
+        )
         for name, error in ((method, None), (f"{method}, with noise", error_px)):
             if error is None or method in registry.ON_PHYSICS:
                 found[name] = sampling.depth_image(

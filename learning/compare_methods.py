@@ -18,8 +18,6 @@ from learning.figures.judged import Judged, judge, pool
 from learning.holes import Holes
 from learning.learnable import known_holes
 from learning.method import Predictor
-from learning.perlin import Perlin
-from learning.sampling import Sampling
 from learning.train_captures import trained
 from patterns.errors import refuse
 from sim import panels, progress, sheet
@@ -30,8 +28,6 @@ from sim.simulate_captures import scene_seed
 _PANEL_IN = 4.2
 _SHOWN = 4  # Scenes in the picture: the first ones.
 _UNTRAINED = ("perfect", "physics")
-_WINDOW_PX = 9.0  # A matcher's: pixels within it share what is matched.
-_STEADY_FRAMES = 3.0  # Of one frame nothing is seen of it.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -90,8 +86,6 @@ def compare_methods(
     Raises:
         InputError: whatever is wrong with the captures, or a method lacks physics.
     """
-    noise = Perlin(correlation_px=_WINDOW_PX, correlation_frames=_STEADY_FRAMES)
-    how = Sampling(noise=noise)
     judged: dict[str, list[Judged]] = {name: [] for name in methods}
     drawn_holes: dict[str, list[Holes]] = {name: [] for name in methods}
     overlap: dict[str, list[tuple[int, int]]] = {name: [] for name in methods}
@@ -101,7 +95,7 @@ def compare_methods(
         example = captured.example(scene, simulation=simulation)
         ndp, counted = known_holes(example)
         real.append(holes.measure(ndp, counted))
-        drawn = {name: _drawn(one, example, how, seed) for name, one in methods.items()}
+        drawn = {name: _drawn(one, example, seed) for name, one in methods.items()}
         for name, one in drawn.items():
             judged[name].append(judge(one.probability, ndp, counted))
             drawn_holes[name].append(holes.measure(one.ndp, counted))
@@ -120,9 +114,9 @@ def compare_methods(
     return {"real": {"ndp_rate": found.share}, "methods": figures}, picture
 
 
-def _drawn(method: Predictor, example: Example, how: Sampling, seed: int) -> Drawn:
+def _drawn(method: Predictor, example: Example, seed: int) -> Drawn:
     probability = method.probability(example)
-    ndp = sampling.ndp(probability, how, seed=scene_seed(seed, example.scene))
+    ndp = sampling.ndp(probability, sampling.TYPICAL, seed=scene_seed(seed, example.scene))
     error_px = None
     if example.physics is not None:
         error_px = example.physics.disparity_px - example.info.disparity_px(example.depth_m)

@@ -80,9 +80,9 @@ def evaluate_captures(
     rooms = tuple(dict.fromkeys(scene.room for scene in opened.scenes))
     held_out = plan.held or rooms
     captured.check_rooms(opened, held_out)
-    models = [trained(folder) for folder in plan.models]
-    names = (*plan.methods, *(name for name, _ in models))
-    methods = _methods(names, plan)
+    trained_models = [trained(folder) for folder in plan.models]
+    names = (*plan.methods, *(name for name, _ in trained_models))
+    methods, models = _methods(names, plan), dict(trained_models)
     learnt_from = {
         held: folds.learnt_from(rooms, held, plan.learn_from) if plan.methods else ()
         for held in held_out
@@ -109,18 +109,12 @@ def evaluate_captures(
         fold = _Fold(opened, held, learnt_from[held], simulated.get(held))
         for name in names:
             folder = out / FOLDS / held / name
-            learnt = partial(
-                _learnt, fold, methods[name], dict(models).get(name), folder, plan, tell
-            )
+            learnt = partial(_learnt, fold, methods[name], models.get(name), folder, plan, tell)
             told[name] += _told(fold, folder, learnt)
     scores = {name: evaluation.scores(of_it) for name, of_it in told.items()}
     figures = evaluation_report.figures(scores, seed=plan.seed)
-    pictures = {
-        "curves.png": evaluation_pictures.curves(scores),
-        "scenes.png": evaluation_pictures.scenes(told),
-    }
-    for name, picture in pictures.items():
-        output.write_file(out / name, picture, force=True)
+    output.write_file(out / "curves.png", evaluation_pictures.curves(scores), force=True)
+    output.write_file(out / "scenes.png", evaluation_pictures.scenes(told), force=True)
     work_folder.end(out, "evaluate", arguments, figures)
     return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}
 

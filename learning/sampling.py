@@ -44,6 +44,10 @@ class Sampling:
         errors.in_interval("threshold", self.threshold, 0.0, 1.0)
 
 
+# Pixels in one window of a matcher, 9 px, are matched by the same light.
+TYPICAL = Sampling(noise=Perlin(correlation_px=9.0, correlation_frames=3.0))
+
+
 def ndp(probability: Image, sampling: Sampling, *, seed: int, frame: float = 0.0) -> Mask:
     """Draw the no-depth pixels (NDP) of one frame.
 

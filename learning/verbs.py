@@ -57,7 +57,9 @@ def train(
     from learning import train_captures
     from sim import progress
 
-    simulation = _simulation(sensor, captures, draws=draws, seed=seed, even=even, edits=edits)
+    simulation = None
+    if sensor is not None:
+        simulation = _simulation(sensor, captures, draws=draws, seed=seed, even=even, edits=edits)
     with progress.on_stderr() as tell:
         result = train_captures.train_captures(
             method,
@@ -113,11 +115,9 @@ def evaluate(
 
     def simulations(held: str) -> Simulation:
         assert sensor is not None  # Not asked for otherwise.
-        made = _simulation(
+        return _simulation(
             sensor.replace(ROOM, held), captures, draws=draws, seed=seed, even=even, edits=edits
         )
-        assert made is not None
-        return made
 
     plan = evaluate_captures.Plan(
         methods=methods,
@@ -187,11 +187,14 @@ def compare(
 
     if out is not None:
         output.refuse_taken(out, force=force)
+    simulation = None
+    if sensor is not None:
+        simulation = _simulation(sensor, real, draws=draws, seed=seed, edits=edits)
     with progress.on_stderr() as tell:
         result, picture = compare_methods.compare_methods(
             capture.open_set(real),
             compare_methods.predictors(methods),
-            simulation=_simulation(sensor, real, draws=draws, seed=seed, edits=edits),
+            simulation=simulation,
             seed=seed,
             tell=tell,
         )
@@ -201,16 +204,14 @@ def compare(
 
 
 def _simulation(
-    sensor: str | None,
+    sensor: str,
     captures: str,
     *,
     draws: int,
     seed: int,
     edits: tuple[str, ...],
     even: bool = False,
-) -> Simulation | None:
-    if sensor is None:
-        return None
+) -> Simulation:
     from learning.captured import Simulation
     from sim import asked_sensor
 

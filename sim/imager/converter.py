@@ -62,18 +62,18 @@ def _range(part: Imager) -> tuple[np.float32, np.float32]:
 
 def digital(imager: Imager, level: Image) -> Infrared:
     """Convert a level [DN] to whole codes: uint8 for 8 bits, else uint16 (h, w)."""
-    dtype = np.uint8 if imager.bit_depth == 8 else np.uint16
-    codes = np.empty(level.shape, dtype)
-    _round(level, np.float32(imager.ceiling_dn), codes)
-    return cast(Infrared, codes)
+    return _codes(level, imager.bit_depth)
 
 
 def finest(imager: Imager, level: Image) -> Infrared:
     """Convert a level [DN] to codes of all the converter's bits, several to a DN; (h, w)."""
-    dtype = np.uint8 if imager.matched_bits == 8 else np.uint16
-    codes = np.empty(level.shape, dtype)
     scale = np.float32(2 ** (imager.matched_bits - imager.bit_depth))
-    _round(level * scale, np.float32(2**imager.matched_bits - 1), codes)
+    return _codes(level * scale, imager.matched_bits)
+
+
+def _codes(level: Image, bits: int) -> Infrared:
+    codes = np.empty(level.shape, np.uint8 if bits == 8 else np.uint16)
+    _round(level, np.float32(2**bits - 1), codes)
     return cast(Infrared, codes)
 
 

@@ -21,26 +21,14 @@ from sim import backend, measurement, progress, sensors, simulate, simulate_capt
 from sim.depth import DepthMap
 from sim.layers import Layers, Truth, View
 from sim.scenes import builtin
+from tests.unit.command_line import Capsys
+from tests.unit.command_line import refused as _refused
+from tests.unit.command_line import run as _run
 
 ROOT = Path(__file__).parents[2]
 VERBS = (
     *("doctor", "sensors", "effects", "simulate", "match", "compare", "show", "atlas", "bench"),
 )
-Capsys = pytest.CaptureFixture[str]
-
-
-def _run(*arguments: object, capsys: Capsys) -> tuple[int, str, str]:
-    code = starling.main([str(argument) for argument in arguments])
-    said = capsys.readouterr()
-    return code, said.out, said.err
-
-
-def _refused(*arguments: object, capsys: Capsys) -> str:
-    """Run what must be refused; return its one line."""
-    code, out, err = _run(*arguments, capsys=capsys)
-    assert (code, out) == (1, "")
-    assert err.startswith("starling: ") and err.count("\n") == 1, err
-    return err
 
 
 def _shot(shape: tuple[int, int]) -> Any:

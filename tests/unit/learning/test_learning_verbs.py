@@ -8,28 +8,13 @@ from typing import Any
 
 import pytest
 
-import starling
 from learning import evaluation_pictures, simulated, train_captures
 from learning.captured import Simulation
 from sim import asked_sensor
+from tests.unit.command_line import refused as _refused
+from tests.unit.command_line import run as _run
 from tests.unit.learning import capture_sets
 from tests.unit.learning.step_scenes import step_scene
-
-Capsys = pytest.CaptureFixture[str]
-
-
-def _run(*arguments: object, capsys: Capsys) -> tuple[int, str, str]:
-    code = starling.main([str(argument) for argument in arguments])
-    said = capsys.readouterr()
-    return code, said.out, said.err
-
-
-def _refused(*arguments: object, capsys: Capsys) -> str:
-    """Run what must be refused; return its one line."""
-    code, out, err = _run(*arguments, capsys=capsys)
-    assert (code, out) == (1, "")
-    assert err.startswith("starling: ") and err.count("\n") == 1, err
-    return err
 
 
 @pytest.fixture
