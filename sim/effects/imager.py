@@ -1,6 +1,7 @@
 """Rows of the effect table: what acts on the imager stage.
 
-What "shows" gives are figures of the tabletop scene on a D435 (8 bits, 39 electrons a step).
+What "shows" gives are figures of the tabletop scene on a D435 that matches 8 bits, 39 electrons a
+step.
 """
 
 from __future__ import annotations
