@@ -133,11 +133,18 @@ def test_structured_light_has_no_right_image():
 
 
 def test_holes_do_not_move_with_samples(clutter):
-    """Renderer noise must not make holes: 1 and 64 samples differ by < 0.1 points."""
+    """Renderer noise must not make holes: 1 and 64 samples differ by < 0.1 points.
+
+    In the mean over three seeds: by chance one seed's rate is off by 0.05 points.
+    """
     sensor = sensors.load("d435")
-    lit = bounced(clutter.scene)
-    rates = [1 - simulate.simulate(lit, sensor, samples=n).depth.valid.mean() for n in (1, 64)]
-    assert abs(rates[0] - rates[1]) < 0.001
+    lit = stage.Stage(bounced(clutter.scene))
+
+    def holes(samples: int) -> float:
+        shots = [simulate.simulate(lit, sensor, seed=k, samples=samples) for k in range(3)]
+        return np.mean([1 - shot.depth.valid.mean() for shot in shots])
+
+    assert abs(holes(1) - holes(64)) < 0.001
 
 
 def test_indirect_light_agrees_with_a_plain_path_tracer(clutter):
