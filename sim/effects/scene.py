@@ -1,10 +1,10 @@
 """Rows of the effect table: light from elsewhere, motion, and where things stand.
 
 What a row shows was measured on `tabletop` under 0.1 W m^-2 with the D435 preset at 848x480, its
-speckle off and 8 bits matched, against the scene as modelled, where both imagers and the projector see a point.
-Without effects: all points filled to 99.0 % with 0.14 px of noise in the disparity (1.4826 times
-the median deviation), things on the table to 94.7 % with 0.18 px. Motion was seen in an exposure
-of 8.5 ms.
+speckle off and 8 bits matched, against the scene as modelled, where both imagers and the projector
+see a point. Without effects: all points filled to 99.0 % with 0.14 px of noise in the disparity
+(1.4826 times the median deviation), things on the table to 94.7 % with 0.18 px. Motion was seen in
+an exposure of 8.5 ms.
 """
 
 from __future__ import annotations
