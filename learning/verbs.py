@@ -19,6 +19,7 @@ Draws = Annotated[int, arg(help="Draws of noise and speckle that the physics is 
 Even = Annotated[
     bool, arg(help="Simulate with one reflectance all over, as if no image were known.")
 ]
+Cache = Annotated[Path | None, arg(help="Folder that keeps what is simulated, for other runs.")]
 
 
 def train(
@@ -31,6 +32,7 @@ def train(
     steps: int | None = None,
     draws: Draws = 8,
     even: Even = False,
+    cache: Cache = None,
     seed: int = 0,
     edits: Edits = (),
     force: bool = False,
@@ -59,7 +61,9 @@ def train(
 
     simulation = None
     if sensor is not None:
-        simulation = _simulation(sensor, captures, draws=draws, seed=seed, even=even, edits=edits)
+        simulation = _simulation(
+            sensor, captures, draws=draws, seed=seed, even=even, edits=edits, cache=cache
+        )
     with progress.on_stderr() as tell:
         result = train_captures.train_captures(
             method,
@@ -88,6 +92,7 @@ def evaluate(
     steps: int | None = None,
     draws: Draws = 8,
     even: Even = False,
+    cache: Cache = None,
     seed: int = 0,
     edits: Edits = (),
     force: bool = False,
@@ -115,8 +120,9 @@ def evaluate(
 
     def simulations(held: str) -> Simulation:
         assert sensor is not None  # Not asked for otherwise.
+        camera = sensor.replace(ROOM, held)
         return _simulation(
-            sensor.replace(ROOM, held), captures, draws=draws, seed=seed, even=even, edits=edits
+            camera, captures, draws=draws, seed=seed, even=even, edits=edits, cache=cache
         )
 
     plan = evaluate_captures.Plan(
@@ -148,6 +154,7 @@ def compare(
     sensor: str | None = None,
     out: Path | None = None,
     draws: Draws = 8,
+    cache: Cache = None,
     seed: int = 0,
     edits: Edits = (),
     force: bool = False,
@@ -189,7 +196,7 @@ def compare(
         output.refuse_taken(out, force=force)
     simulation = None
     if sensor is not None:
-        simulation = _simulation(sensor, real, draws=draws, seed=seed, edits=edits)
+        simulation = _simulation(sensor, real, draws=draws, seed=seed, edits=edits, cache=cache)
     with progress.on_stderr() as tell:
         result, picture = compare_methods.compare_methods(
             capture.open_set(real),
@@ -211,12 +218,13 @@ def _simulation(
     seed: int,
     edits: tuple[str, ...],
     even: bool = False,
+    cache: Path | None = None,
 ) -> Simulation:
     from learning.captured import Simulation
     from sim import asked_sensor
 
     camera = asked_sensor.load(sensor, captures=captures, edits=edits)
-    return Simulation(sensor=camera, draws=draws, seed=seed, even=even)
+    return Simulation(sensor=camera, draws=draws, seed=seed, even=even, cache=cache)
 
 
 VERBS = (train, evaluate, compare)

@@ -103,14 +103,15 @@ def test_flags_of_train_reach_the_work(captures, tmp_path, sensors, monkeypatch,
     code, _, _ = _run(
         "train", "hybrid", captures, "--sensor", "d435", "--out", tmp_path / "out",
         "--rooms", "hall", "attic", "--steps", 5, "--draws", 3, "--even", "--seed", 2,
-        "--set", "imager.gain=2", "--force", capsys=capsys,
+        "--set", "imager.gain=2", "--force", "--cache", tmp_path / "kept", capsys=capsys,
     )  # fmt: skip
     assert code == 0
     assert sensors == [("d435", {"captures": str(captures), "edits": ("imager.gain=2",)})]
     (one,) = asked
     simulation = one.pop("simulation")
     assert isinstance(simulation, Simulation)
-    assert (simulation.draws, simulation.even, simulation.cache) == (3, True, None)
+    assert (simulation.draws, simulation.even) == (3, True)
+    assert simulation.cache == tmp_path / "kept"
     del one["tell"]
     assert one == {
         "method": "hybrid", "captures": str(captures), "out": tmp_path / "out",
@@ -124,9 +125,11 @@ def test_the_room_held_out_takes_its_place_in_the_sensor_s_name(
 ):
     code, _, err = _run(
         "evaluate", captures, "--methods", "physics", "--sensor", "fits/{room}/d435-{room}.toml",
-        "--rooms", "hall", "attic", "--out", tmp_path / "out", "--draws", 2, capsys=capsys,
+        "--rooms", "hall", "attic", "--out", tmp_path / "out", "--draws", 2,
+        "--cache", tmp_path / "kept", capsys=capsys,
     )  # fmt: skip
     assert code == 0, err
+    assert list((tmp_path / "kept").iterdir()) and not (tmp_path / "out" / "physics").exists()
     names = [name for name, _ in sensors]
     assert names == ["fits/hall/d435-hall.toml", "fits/attic/d435-attic.toml"]
     assert {how["captures"] for _, how in sensors} == {str(captures)}
