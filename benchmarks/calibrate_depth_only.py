@@ -23,7 +23,7 @@ from calibration.depth.depth_figures import side_by_side
 from calibration.depth.depth_only import GROUPS, fit_depth
 from calibration.depth.depth_twin import twin
 from calibration.observation import Observation
-from calibration.result import Solution
+from calibration.solution import Solution
 from sim import sensors
 from sim.capture import CapturedScene, open_set
 

@@ -27,7 +27,7 @@ import numpy as np
 from calibration import observation, parameters
 from calibration.geometry.geometry_fit import fit_geometry
 from calibration.observation import Observation
-from calibration.result import Solution
+from calibration.solution import Solution
 from patterns import errors
 from sim import capture, capture_info, capture_writer, projector, render, sensors
 from sim.capture_info import CaptureInfo

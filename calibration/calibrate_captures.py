@@ -13,7 +13,7 @@ from calibration.pattern import dots
 from calibration.report import figures as report
 from calibration.report import page as report_page
 from patterns import errors
-from sim import capture, progress, record, sensors
+from sim import backend, capture, progress, record, sensors
 from sim.output import RECORD, OutputFolder, refuse_own_input, refuse_taken, write_file
 from sim.sensor import Sensor
 
@@ -80,7 +80,7 @@ def calibrate_captures(
                         **(asked or {}),
                     },
                     "versions": record.versions(),
-                    "renderer": record.renderer(),
+                    "renderer": backend.renderer(),
                     "figures": figures,
                 }
             ),

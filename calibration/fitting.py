@@ -17,7 +17,8 @@ from calibration.pattern import pattern_sensor, pattern_solution, recovery
 from calibration.pattern import views as seeing
 from calibration.pattern.recovery import Recovered
 from calibration.plausibility import checks
-from calibration.result import Calibration, Solution
+from calibration.result import Calibration
+from calibration.solution import Solution
 from patterns import errors
 from sim import progress
 from sim.capture import CapturedScene

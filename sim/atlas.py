@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import atlas_page, effects, metrics, panels, progress, record, scenes, sheet
+from sim import atlas_page, backend, effects, metrics, panels, progress, record, scenes, sheet
 from sim.depth import disparity_from_depth, from_code, to_code
 from sim.dots import dot_contrast
 from sim.effects import Effect, Stage, Value, setting, written
@@ -117,7 +117,7 @@ def atlas(
                     "verb": "atlas",
                     "arguments": arguments,
                     "versions": record.versions(),
-                    "renderer": record.renderer(),
+                    "renderer": backend.renderer(),
                     "figures": figures,
                 }
             ),

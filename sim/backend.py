@@ -122,3 +122,13 @@ def report() -> dict[str, Any]:
         "python": platform.python_version(),
         "versions": record.versions(),
     }
+
+
+def renderer() -> dict[str, Any]:
+    """Tell what renders: Mitsuba's variant and the major version of LLVM, None where not used."""
+    variant = str(mitsuba().variant())
+    if not variant.startswith("llvm"):
+        return {"variant": variant, "llvm": None}
+    used = os.path.realpath(llvm_library() or "")
+    majors = {os.path.realpath(path): major for path, major in llvm_libraries().items()}
+    return {"variant": variant, "llvm": majors.get(used)}  # None: one the machine does not list.

@@ -72,7 +72,7 @@ def write_set(
         verb: the command that made the set.
         arguments: the command's arguments, the seed among them.
         figures: what the verb measured.
-        renderer: what rendered (see `sim.record.renderer`), where something was rendered.
+        renderer: what rendered (see `sim.backend.renderer`), where something was rendered.
     """
     folder.write(capture_info.FILE, capture_info.dumps(info))
     folder.write("sensor.toml", sensors.dumps(sensor))

@@ -6,7 +6,6 @@ import dataclasses
 import importlib.metadata
 import json
 import math
-import os
 import platform
 from collections.abc import Mapping
 from pathlib import Path
@@ -29,18 +28,6 @@ def versions() -> dict[str, str]:
     # Missing: run from a source tree, or not needed.
     found = {name: _version(name) or "not installed" for name in (*_PACKAGES, opencv)}
     return {"python": platform.python_version(), **found}
-
-
-def renderer() -> dict[str, Any]:
-    """Tell what renders: Mitsuba's variant and the major version of LLVM, None where not used."""
-    from sim import backend  # Not above: it asks for versions itself.
-
-    variant = str(backend.mitsuba().variant())
-    if not variant.startswith("llvm"):
-        return {"variant": variant, "llvm": None}
-    used = os.path.realpath(backend.llvm_library() or "")
-    majors = {os.path.realpath(path): major for path, major in backend.llvm_libraries().items()}
-    return {"variant": variant, "llvm": majors.get(used)}  # None: one the machine does not list.
 
 
 def _version(name: str) -> str | None:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from patterns import errors
-from sim import capture, capture_writer, progress, record
+from sim import backend, capture, capture_writer, progress
 from sim.effects import Value, setting
 from sim.output import OutputFolder, refuse_own_input
 from sim.sensor import Sensor
@@ -141,7 +141,7 @@ def simulate_captures(
             verb="simulate",
             arguments={**arguments, **(asked or {})},
             figures=figures,
-            renderer=record.renderer(),
+            renderer=backend.renderer(),
         )
     return {
         "out": str(folder.path),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from patterns import errors
-from sim import progress, projector, record, sensors, sweep_axes
+from sim import backend, progress, projector, record, sensors, sweep_axes
 from sim.output import RECORD, OutputFolder
 from sim.sensor import Sensor
 from sim.sweep_axes import AXES
@@ -129,7 +129,7 @@ def run(
                     "verb": "sweep",
                     "arguments": arguments,
                     "versions": record.versions(),
-                    "renderer": record.renderer(),
+                    "renderer": backend.renderer(),
                     "figures": figures,
                 }
             ),

@@ -15,7 +15,7 @@ from calibration.depth.depth_geometry import DepthGeometry
 from calibration.depth.depth_twin import DepthTwin, twin
 from calibration.depth.disparity_scale import ROOMS
 from calibration.observation import Observation
-from calibration.result import Estimate, Solution
+from calibration.solution import Estimate, Solution
 from patterns import errors
 from sim import progress
 from sim.effects import setting

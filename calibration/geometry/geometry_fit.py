@@ -13,7 +13,7 @@ from calibration.geometry.residuals import Normal, Predicted, View
 from calibration.geometry.uncertainty import Uncertainty
 from calibration.observation import Observation
 from calibration.parameters import DOT_BLUR, FIELD, Parameter
-from calibration.result import Estimate, Solution
+from calibration.solution import Estimate, Solution
 from patterns import errors
 from sim.sensor import Sensor
 

@@ -9,7 +9,7 @@ from calibration.pattern import emission, emitter_model, pattern_sensor, room_eq
 from calibration.pattern.emission import Alignment
 from calibration.pattern.lattice import Lattice
 from calibration.pattern.recovery import Recovered
-from calibration.result import Estimate, Solution
+from calibration.solution import Estimate, Solution
 from sim import frames
 from sim.sensor import Sensor
 

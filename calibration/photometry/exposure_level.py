@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.observation import Observation
-from calibration.result import Estimate, Solution
+from calibration.solution import Estimate, Solution
 from sim import sensor_edits
 from sim.sensor import Sensor
 

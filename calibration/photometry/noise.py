@@ -14,7 +14,7 @@ from calibration.photometry.light_model import Prediction
 from calibration.photometry.photometry_open import EVEN
 from calibration.photometry.photon_transfer import fit_photon_transfer
 from calibration.photometry.speckle_contrast import SPECKLE, fit_speckle, speckle_bound
-from calibration.result import Estimate, Solution
+from calibration.solution import Estimate, Solution
 from sim import sensor_edits
 from sim.sensor import Sensor
 

@@ -31,7 +31,7 @@ from calibration.photometry.light_model import (
     exposure_ratio,
 )
 from calibration.photometry.photometry_open import BLACK_DN, sentences
-from calibration.result import Estimate, Solution
+from calibration.solution import Estimate, Solution
 from patterns import errors
 from sim import sensor_edits
 from sim.imager.exposure import Exposure

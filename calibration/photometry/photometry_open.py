@@ -18,7 +18,7 @@ from calibration.photometry.light_model import (
     ambient,
     black_name,
 )
-from calibration.result import Estimate
+from calibration.solution import Estimate
 
 _TOGETHER = 0.98  # Correlation from which two parameters are one.
 BLACK_DN = 1.0  # Deviation from which a black level is as good as unknown.

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from calibration.photometry import quantised_noise
 from calibration.photometry.levels import Side, part
-from calibration.result import Estimate, Solution
+from calibration.solution import Estimate, Solution
 from patterns import errors
 from sim import sensor_edits
 from sim.imager import smoothing

@@ -20,7 +20,7 @@ from calibration.photometry.blocks import blocks, quietest, quietest_by_chance
 from calibration.photometry.levels import part
 from calibration.photometry.light_model import Prediction
 from calibration.photometry.photometry_open import EVEN
-from calibration.result import Estimate
+from calibration.solution import Estimate
 from sim.imager import charge, smoothing
 from sim.light import speckle
 from sim.sensor import Sensor

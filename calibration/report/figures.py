@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.heldout import Scored
-from calibration.result import Calibration, Estimate
+from calibration.result import Calibration
+from calibration.solution import Estimate
 
 _NAN = float("nan")
 

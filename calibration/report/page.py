@@ -13,7 +13,8 @@ from calibration.report import pattern as report_pattern
 from calibration.report import tables as report_tables
 from calibration.report.elements import TIMES, counted, listed, number, sentences, table
 from calibration.report.style import STYLE
-from calibration.result import Calibration, Solution
+from calibration.result import Calibration
+from calibration.solution import Solution
 
 _SECTIONS = {
     "parameters": "What was fitted",

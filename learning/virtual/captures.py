@@ -8,7 +8,7 @@ from typing import Any
 
 from learning.virtual import unit
 from patterns import errors
-from sim import capture_writer, progress, record, scenes
+from sim import backend, capture_writer, progress, scenes
 from sim.output import OutputFolder
 from sim.scenes import known
 from sim.simulate_captures import scene_seed
@@ -80,6 +80,6 @@ def write(
             verb="virtual",
             arguments={"scenes": list(names), "seed": seed, "samples": samples},
             figures=rates,
-            renderer=record.renderer(),
+            renderer=backend.renderer(),
         )
     return rates

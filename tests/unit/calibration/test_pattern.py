@@ -15,7 +15,7 @@ from calibration.observation import Observation
 from calibration.pattern import pattern_sensor, pattern_solution, recovery
 from calibration.pattern import views as seeing
 from calibration.pattern.recovery import Recovered
-from calibration.result import Estimate, Solution
+from calibration.solution import Estimate, Solution
 from patterns.errors import InputError
 from sim import capture, capture_writer, png, render
 from sim.parts.emitter import Emitter

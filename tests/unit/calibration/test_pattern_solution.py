@@ -15,7 +15,7 @@ from calibration.pattern.lattice import Lattice
 from calibration.pattern.pattern_fit import Fitted
 from calibration.pattern.recovery import Recovered
 from calibration.pattern.unprojected import PatternImage
-from calibration.result import Solution
+from calibration.solution import Solution
 from sim import sensor_edits, sensors
 from sim.parts.emitter import Emitter
 from sim.sensor import Sensor

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibration.photometry.photon_transfer import fit_photon_transfer
-from calibration.result import Solution
+from calibration.solution import Solution
 from patterns.errors import InputError
 from sim import imager, sensors
 from sim.sensor import Imager, Sensor

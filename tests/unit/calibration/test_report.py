@@ -29,7 +29,8 @@ from calibration.report import page as report_page
 from calibration.report import pictures as report_pictures
 from calibration.report import tables as report_tables
 from calibration.report.elements import MINUS
-from calibration.result import Calibration, Estimate, Solution
+from calibration.result import Calibration
+from calibration.solution import Estimate, Solution
 from sim import record, sensors
 
 SHAPE = (108, 192)

@@ -89,11 +89,11 @@ def test_renderer_tells_the_version_of_llvm_and_no_path(
     monkeypatch.setattr(backend, "mitsuba", lambda: stand_in)
     monkeypatch.setattr(backend, "llvm_library", lambda: str(tmp_path / "libLLVM.so"))
     monkeypatch.setattr(backend, "llvm_libraries", lambda: {str(tmp_path / "libLLVM-19.so"): 19})
-    assert record.renderer() == {"variant": "llvm_ad_mono", "llvm": 19}
+    assert backend.renderer() == {"variant": "llvm_ad_mono", "llvm": 19}
     monkeypatch.setattr(backend, "llvm_library", lambda: "/own/libLLVM.so")
-    assert record.renderer() == {"variant": "llvm_ad_mono", "llvm": None}
+    assert backend.renderer() == {"variant": "llvm_ad_mono", "llvm": None}
     stand_in.variant = lambda: "scalar_rgb"
-    assert record.renderer() == {"variant": "scalar_rgb", "llvm": None}
+    assert backend.renderer() == {"variant": "scalar_rgb", "llvm": None}
 
 
 def test_progress_speaks_only_of_long_work(
