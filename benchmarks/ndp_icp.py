@@ -21,7 +21,7 @@ from learning.captured import Simulation
 from learning.evaluate_captures import FOLDS
 from learning.icp import comparison, objects, study
 from learning.icp.alignment import Disturbance
-from sim import asked_sensor, capture, png, progress, simulate
+from sim import asked_sensor, capture, png, progress
 from sim.simulate_captures import scene_seed
 
 PUBLISHED = {  # Sweeney et al. 2019, Table I [percent].
@@ -39,6 +39,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("evaluation", type=Path)
     parser.add_argument("--sensor", required=True, help="as `starling evaluate` takes it")
+    parser.add_argument("--set", nargs="*", default=[], help="likewise")
+    parser.add_argument("--cache", type=Path, help="likewise")
     parser.add_argument("--trials", type=int, default=50)
     asked = parser.parse_args()
     path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
@@ -50,11 +52,12 @@ def main() -> None:
                 example.depth_m, example.info, scene=scene.name, room=scene.room
             )
             if pieces:
-                sensor = asked_sensor.load(
-                    asked.sensor.replace("{room}", scene.room), captures=str(path)
-                )
+                name = asked.sensor.replace("{room}", scene.room)
+                sensor = asked_sensor.load(name, captures=str(path), edits=tuple(asked.set))
+                simulation = Simulation(sensor=sensor, cache=asked.cache)
+                example = captured.example(scene, simulation=simulation)
                 folder = asked.evaluation / FOLDS / scene.room
-                depths = _depths(scene, example, folder, Simulation(sensor=sensor))
+                depths = _depths(scene, example, folder)
                 shown[scene.name] = (example, pieces, depths)
         for move_m, turn_deg in DISTURBANCES:
             outcomes = study.pool(
@@ -74,14 +77,9 @@ def main() -> None:
             _table(outcomes, move_m, turn_deg)
 
 
-def _depths(scene, example, folder, simulation):
+def _depths(scene, example, folder):
     """Depth images [m] by method, the device's among them."""
-    shot = simulate.simulate(
-        captured.surface(scene, simulation.sensor),
-        simulation.sensor,
-        seed=scene_seed(simulation.seed, scene.name),
-    )
-    error_px = shot.depth.disparity_px - example.info.disparity_px(example.depth_m)
+    error_px = example.physics.one_draw_px - example.info.disparity_px(example.depth_m)
     found = {study.REAL: scene.frame(scene.frames[0]).depth_m}
     for method in sorted(path.name for path in folder.iterdir()):
         probability = png.read(folder / method / f"{scene.name}.png", "probability") / 65535

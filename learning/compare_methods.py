@@ -119,7 +119,7 @@ def _drawn(method: Predictor, example: Example, seed: int) -> Drawn:
     ndp = sampling.ndp(probability, sampling.TYPICAL, seed=scene_seed(seed, example.scene))
     error_px = None
     if example.physics is not None:
-        error_px = example.physics.disparity_px - example.info.disparity_px(example.depth_m)
+        error_px = example.physics.one_draw_px - example.info.disparity_px(example.depth_m)
     depth_m = sampling.depth_image(example.depth_m, ndp, example.info, error_px=error_px)
     return Drawn(probability=probability, ndp=ndp, depth_m=depth_m)
 

@@ -22,6 +22,9 @@ class Physics:
     infrared: Image  # Simulated left image without noise, over full scale, 0 to 1.
     contrast: Image  # Local deviation of that image over its local mean.
     disparity_px: Image  # Mean of the draws that have one; NaN where none has.
+    one_draw_px: (
+        Image  # Disparity of the first draw that has one, with all its noise; NaN likewise.
+    )
     reason: NDArray[np.uint32]  # The most frequent reason (`sim.reason`) of no depth; 0 for depth.
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from learning import model_file
 from learning.example import Physics
 
-_VERSION = 1
+_VERSION = 2
 
 
 def write(folder: Path, key: str, physics: Physics) -> None:

@@ -58,6 +58,7 @@ def _summary(shots: Sequence[Shot], sensor: Sensor) -> Physics:
     matched = np.maximum(valid.sum(axis=0), 1)
     disparity = np.stack([shot.depth.disparity_px for shot in shots])
     total = np.where(valid, disparity, 0).sum(axis=0)
+    first = np.take_along_axis(disparity, valid.argmax(axis=0)[None], axis=0)[0]
     black, ceiling = sensor.left.black_level_dn, sensor.left.ceiling_dn
     level = np.mean([shot.ir_left.astype(np.float32) for shot in shots], axis=0)
     infrared = np.clip((level - black) / (ceiling - black), 0, 1).astype(np.float32)
@@ -67,6 +68,7 @@ def _summary(shots: Sequence[Shot], sensor: Sensor) -> Physics:
         infrared=infrared,
         contrast=_contrast(infrared),
         disparity_px=np.where(valid.any(axis=0), total / matched, np.nan).astype(np.float32),
+        one_draw_px=np.where(valid.any(axis=0), first, np.nan).astype(np.float32),
         reason=_most_frequent(np.stack([shot.depth.reason for shot in shots])),
     )
 

@@ -141,11 +141,11 @@ def given_physics(example: Example) -> Physics:
     if example.physics is None:
         rule = "must be given to a method that builds on it"
         raise errors.refuse("physics", rule, f"none for {example.scene}", "Simulate the scene.")
-    for name in ("ndp", "infrared", "contrast", "disparity_px", "reason"):
+    for name in ("ndp", "infrared", "contrast", "disparity_px", "one_draw_px", "reason"):
         image = getattr(example.physics, name)
         check_size(example.info, f"physics {name}", image)
         missing = int(np.count_nonzero(~np.isfinite(image)))
-        if missing and name != "disparity_px":
+        if missing and not name.endswith("_px"):
             found = f"{missing} pixels in {example.scene} that are not"
             raise errors.refuse(f"physics {name}", "must be finite", found, "Simulate again.")
     return example.physics

@@ -95,6 +95,7 @@ def test_physics_that_never_has_depth_draws_holes_everywhere(captures, monkeypat
         physics,
         ndp=np.ones(SHAPE, np.float32),
         disparity_px=np.full(SHAPE, np.nan, np.float32),
+        one_draw_px=np.full(SHAPE, np.nan, np.float32),
         reason=np.full(SHAPE, Reason.LOW_SIGNAL, np.uint32),
     )
     monkeypatch.setattr(simulated, "physics", lambda *_, **__: nothing)
@@ -176,7 +177,7 @@ def test_drawn_depth_has_the_simulator_s_errors_where_it_has_depth(captures, mon
         physics = step_scene(0).physics
         assert physics is not None
         disparity = info.disparity_px(capture_sets.drawn(0)[0]) + np.float32(0.5)
-        return dataclasses.replace(physics, disparity_px=disparity)
+        return dataclasses.replace(physics, one_draw_px=disparity)
 
     def spied(rows, shape, **_):
         drawn.extend(panel.draw.keywords["depth_m"] for panel in rows[0])

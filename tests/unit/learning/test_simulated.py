@@ -130,7 +130,9 @@ def test_disparity_is_the_mean_of_the_draws_that_have_one():
         _shot(reason, disparity, 50)
         for reason, disparity in zip(codes, (3.0, 6.0, 12.0), strict=True)
     ]
-    assert_array_equal(summary(shots).disparity_px[0], np.array([7, 9, np.nan], np.float32))
+    found = summary(shots)
+    assert_array_equal(found.disparity_px[0], np.array([7, 9, np.nan], np.float32))
+    assert_array_equal(found.one_draw_px[0], np.array([3, 6, np.nan], np.float32))
 
 
 def test_infrared_is_the_mean_level_above_black_over_full_scale():
