@@ -43,9 +43,9 @@ def fit_speckle(
 
     Returns:
         The estimate, an upper bound where geometry or pattern are not quite right. Where the images
-        say no more than the range of 0 to 1, or less is left at the quietest places than the
-        contrast needs, the sensor's own value, or what those places allow, with an infinite
-        deviation. None where no image has laser light whose dots are where they were predicted.
+        do not halve the deviation of what may lie anywhere from 0 to 1, or less is left at the
+        quietest places than the contrast needs, the sensor's own value, or what those places allow,
+        with an infinite deviation. None where no image has laser light whose dots are where they were predicted.
     """
     rows, outs, groups = [], [], []
     for number, prediction in enumerate(
@@ -68,7 +68,7 @@ def fit_speckle(
     contrast = float(np.sqrt(max(value, 0.0)))
     deviation = float(sd / (2 * contrast)) if value > sd else float(np.sqrt(sd))
     start, most = sensor.projector.speckle_contrast, speckle_bound(predictions, sensor)
-    told = deviation <= EVEN and contrast <= most
+    told = deviation <= EVEN / 2 and contrast <= most
     return Estimate(
         name=SPECKLE,
         value=contrast if told else min(start, most),
