@@ -45,7 +45,8 @@ def fit_speckle(
         The estimate, an upper bound where geometry or pattern are not quite right. Where the images
         do not halve the deviation of what may lie anywhere from 0 to 1, or less is left at the
         quietest places than the contrast needs, the sensor's own value, or what those places allow,
-        with an infinite deviation. None where no image has laser light whose dots are where they were predicted.
+        with an infinite deviation. None where no image has laser light whose dots are where they
+        were predicted.
     """
     rows, outs, groups = [], [], []
     for number, prediction in enumerate(
