@@ -18,6 +18,7 @@ from learning.methods.cyclegan import CycleGan, CycleGanLearner
 from learning.methods.pix2pix import Pix2Pix, Pix2PixLearner
 from learning.training.settings import Settings
 from learning.training.translation import (
+    ADVERSARIAL,
     FARTHEST_M,
     PatchDiscriminator,
     TranslationPredictor,
@@ -150,8 +151,11 @@ def test_a_step_moves_every_network() -> None:
 
 @pytest.mark.slow
 def test_pix2pix_learns_half_occlusion(tmp_path: Path) -> None:
-    """0.966 measured after 400 steps. CycleGAN's heaps are not paired: nothing is promised."""
-    settings = Settings(steps=400, batch=4, rate=1e-3, averaging=0.9)
+    """0.978 measured after 400 steps, 0.971 from another seed; at five times the rate it is chance.
+
+    CycleGAN's heaps are not paired: nothing is promised.
+    """
+    settings = dataclasses.replace(ADVERSARIAL, steps=400, averaging=0.9)
     predictor = Pix2Pix(settings=settings).fit(LEARNT_FROM, folder=tmp_path, seed=0)
     told = pool(
         judge(predictor.probability(one), np.asarray(one.ndp), one.counted) for one in UNSEEN
