@@ -232,20 +232,15 @@ def summary(rows: list[dict]) -> dict[str, object]:
             "median_sd": float(np.median(sd)),
             "covered_90": float(np.mean(np.abs(error) <= _TIMES_90 * sd)),
         }
+    covered = [
+        row["covered_90"]
+        for name, row in table.items()
+        if name in _INTERVALS and np.isfinite(row["median_sd"])
+    ]
     return {
         "starts": len(rows),
         "converged": sum(_converged(fit) for fit in fitted) / len(rows),
-        "covered_90": float(
-            np.mean(
-                [
-                    row["covered_90"]
-                    for name, row in table.items()
-                    if name in _INTERVALS and np.isfinite(row["median_sd"])
-                ]
-            )
-        )
-        if table
-        else None,
+        "covered_90": float(np.mean(covered)) if covered else None,
         "seconds": float(np.median([row["seconds"] for row in rows if "seconds" in row] or [0])),
         "cpu_s": float(np.median([row["cpu_s"] for row in rows if "cpu_s" in row] or [0])),
         "parameters": table,

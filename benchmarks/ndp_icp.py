@@ -47,15 +47,14 @@ def main() -> None:
     shown = {}
     with progress.on_stderr() as tell:
         for scene in tell(capture.open_set(path).scenes, "depth images"):
-            example = captured.example(scene)
+            name = asked.sensor.replace("{room}", scene.room)
+            sensor = asked_sensor.load(name, captures=str(path), edits=tuple(asked.set))
+            simulation = Simulation(sensor=sensor, cache=asked.cache)
+            example = captured.example(scene, simulation=simulation)
             pieces = objects.in_room(
                 example.depth_m, example.info, scene=scene.name, room=scene.room
             )
             if pieces:
-                name = asked.sensor.replace("{room}", scene.room)
-                sensor = asked_sensor.load(name, captures=str(path), edits=tuple(asked.set))
-                simulation = Simulation(sensor=sensor, cache=asked.cache)
-                example = captured.example(scene, simulation=simulation)
                 folder = asked.evaluation / FOLDS / scene.room
                 depths = _depths(scene, example, folder)
                 shown[scene.name] = (example, pieces, depths)
@@ -79,8 +78,8 @@ def main() -> None:
 
 def _depths(scene, example, folder):
     """Depth images [m] by method, the device's among them."""
-    error_px = example.physics.one_draw_px - example.info.disparity_px(example.depth_m)
     found = {study.REAL: scene.frame(scene.frames[0]).depth_m}
+    error_px = example.simulated_error_px
     for method in sorted(path.name for path in folder.iterdir()):
         probability = png.read(folder / method / f"{scene.name}.png", "probability") / 65535
         ndp = sampling.ndp(

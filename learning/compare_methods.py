@@ -117,10 +117,9 @@ def compare_methods(
 def _drawn(method: Predictor, example: Example, seed: int) -> Drawn:
     probability = method.probability(example)
     ndp = sampling.ndp(probability, sampling.TYPICAL, seed=scene_seed(seed, example.scene))
-    error_px = None
-    if example.physics is not None:
-        error_px = example.physics.one_draw_px - example.info.disparity_px(example.depth_m)
-    depth_m = sampling.depth_image(example.depth_m, ndp, example.info, error_px=error_px)
+    depth_m = sampling.depth_image(
+        example.depth_m, ndp, example.info, error_px=example.simulated_error_px
+    )
     return Drawn(probability=probability, ndp=ndp, depth_m=depth_m)
 
 

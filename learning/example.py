@@ -40,3 +40,10 @@ class Example:
     ndp: Mask | None = None  # (h, w) where the device has no depth; None where it is asked for.
     counted: Mask | None = None  # (h, w) where `ndp` counts; None as `ndp`.
     physics: Physics | None = None
+
+    @property
+    def simulated_error_px(self) -> Image | None:
+        """Disparity of one simulated draw less the reference's (h, w); None without physics."""
+        if self.physics is None:
+            return None
+        return self.physics.one_draw_px - self.info.disparity_px(self.depth_m)

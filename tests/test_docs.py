@@ -43,14 +43,11 @@ def test_readme_code_runs(tmp_path: Path) -> None:
 def test_tutorial_commands_run(page: Path, tmp_path: Path) -> None:
     """All `starling` and `cp` lines of a page, in order and in one folder, as one types them."""
     lines = [line for block in _blocks(page, "sh") for line in block.splitlines()]
-    commands = [line for line in lines if line.startswith(("starling ", "cp "))]
+    commands = [shlex.split(line) for line in lines if line.startswith(("starling ", "cp "))]
     assert commands
-    for command in commands:
-        if command.startswith("cp "):
-            _run("sh", "-c", command, cwd=tmp_path)
-        else:
-            arguments = shlex.split(command)[1:]
-            _run(sys.executable, ROOT / "starling.py", *arguments, cwd=tmp_path)
+    ours = (sys.executable, ROOT / "starling.py")
+    for program, *arguments in commands:
+        _run(*(ours if program == "starling" else (program,)), *arguments, cwd=tmp_path)
 
 
 def test_conventions_list_every_reason() -> None:

@@ -4,6 +4,9 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
 
 from sim import backend
 
@@ -92,3 +95,19 @@ def test_only_jit_variants_compile(monkeypatch):
 
     monkeypatch.setattr(backend, "mitsuba", lambda: Scalar)
     assert not backend.is_jit()
+
+
+def test_renderer_tells_the_version_of_llvm_and_no_path(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "libLLVM-19.so").write_bytes(b"")
+    (tmp_path / "libLLVM.so").symlink_to("libLLVM-19.so")
+    stand_in = SimpleNamespace(variant=lambda: "llvm_ad_mono")
+    monkeypatch.setattr(backend, "mitsuba", lambda: stand_in)
+    monkeypatch.setattr(backend, "llvm_library", lambda: str(tmp_path / "libLLVM.so"))
+    monkeypatch.setattr(backend, "llvm_libraries", lambda: {str(tmp_path / "libLLVM-19.so"): 19})
+    assert backend.renderer() == {"variant": "llvm_ad_mono", "llvm": 19}
+    monkeypatch.setattr(backend, "llvm_library", lambda: "/own/libLLVM.so")
+    assert backend.renderer() == {"variant": "llvm_ad_mono", "llvm": None}
+    stand_in.variant = lambda: "scalar_rgb"
+    assert backend.renderer() == {"variant": "scalar_rgb", "llvm": None}

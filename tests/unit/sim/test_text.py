@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from sim import backend, progress, record, text
+from sim import progress, record, text
 
 
 def test_rows_become_columns() -> None:
@@ -78,22 +77,6 @@ def test_versions_find_opencv_under_any_name(
     assert found[told] == ("4.12" if installed else "not installed")
     assert found["numba"] == "4.12"
     assert sum(name.startswith("opencv") for name in found) == 1
-
-
-def test_renderer_tells_the_version_of_llvm_and_no_path(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    (tmp_path / "libLLVM-19.so").write_bytes(b"")
-    (tmp_path / "libLLVM.so").symlink_to("libLLVM-19.so")
-    stand_in = SimpleNamespace(variant=lambda: "llvm_ad_mono")
-    monkeypatch.setattr(backend, "mitsuba", lambda: stand_in)
-    monkeypatch.setattr(backend, "llvm_library", lambda: str(tmp_path / "libLLVM.so"))
-    monkeypatch.setattr(backend, "llvm_libraries", lambda: {str(tmp_path / "libLLVM-19.so"): 19})
-    assert backend.renderer() == {"variant": "llvm_ad_mono", "llvm": 19}
-    monkeypatch.setattr(backend, "llvm_library", lambda: "/own/libLLVM.so")
-    assert backend.renderer() == {"variant": "llvm_ad_mono", "llvm": None}
-    stand_in.variant = lambda: "scalar_rgb"
-    assert backend.renderer() == {"variant": "scalar_rgb", "llvm": None}
 
 
 def test_progress_speaks_only_of_long_work(
