@@ -12,8 +12,9 @@ from torch import Tensor, nn
 
 from learning import inference
 from learning.example import Example, Image
+from learning.physics_probability import physics_probability
 from learning.training import weights
-from learning.training.channels import LOGIT_SCALE, channels, names, smoothed_share
+from learning.training.channels import LOGIT_SCALE, channels, names
 from learning.training.hole_network import fit_hole_network
 from learning.training.samples import check_same_size
 from learning.training.settings import Settings
@@ -55,7 +56,7 @@ class HybridPredictor:
     shape: tuple[int, int]  # (h, w) learnt from.
 
     def probability(self, example: Example) -> Image:
-        """Correct the physics' smoothed share of draws, (h, w).
+        """Correct what physics tells, (h, w).
 
         Raises:
             InputError: if the example has no physics or another size than was learnt from, nothing
@@ -65,7 +66,7 @@ class HybridPredictor:
         seen = channels(example, with_reflectance=self.with_reflectance, with_physics=True)
         correction = inference.apply(self.network.correction, seen)
         assert example.physics is not None  # `channels` refuses.
-        return corrected(smoothed_share(example.physics), correction)
+        return corrected(physics_probability(example.physics), correction)
 
 
 def corrected(probability: Image, correction: Image) -> Image:

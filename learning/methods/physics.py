@@ -11,8 +11,9 @@ import numpy as np
 from learning import model_file
 from learning.example import Example, Image
 from learning.learnable import check_learnable, known_holes
+from learning.physics_probability import physics_probability
 from learning.recalibration import Recalibration, fit_recalibration
-from learning.training.channels import given_physics, smoothed_share
+from learning.training.channels import given_physics
 from sim import progress
 
 _VERSION = 1
@@ -21,17 +22,17 @@ _LINE = ("slope", "offset")
 
 @dataclass(frozen=True, slots=True)
 class SimulatedPredictor:
-    """Share of the draws without depth, put right where that was learnt."""
+    """What physics tells, put right where that was learnt."""
 
     recalibration: Recalibration | None = None
 
     def probability(self, example: Example) -> Image:
-        """Smoothed share of the draws without depth, (h, w).
+        """Smoothed share of the draws without depth, (h, w): `learning.physics_probability`.
 
         Raises:
             InputError: if the example has no physics.
         """
-        share = smoothed_share(given_physics(example))
+        share = physics_probability(given_physics(example))
         if self.recalibration is None:
             return share
         return self.recalibration(share).astype(np.float32)
@@ -69,7 +70,7 @@ class Simulated:
         told, ndp, weight = [], [], []
         for example in tell(examples, "physics"):
             holes, counted = known_holes(example)
-            told.append(smoothed_share(given_physics(example))[counted])
+            told.append(physics_probability(given_physics(example))[counted])
             ndp.append(holes[counted])
             weight.append(np.full(told[-1].size, 1 / told[-1].size))
         line = fit_recalibration(*map(np.concatenate, (told, ndp, weight)))

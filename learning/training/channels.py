@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from learning.example import Example, Image, Physics
 from learning.geometry.filled import filled
 from learning.geometry.planes import fit_planes, incidence_cosine
+from learning.physics_probability import physics_probability
 from patterns import errors
 from sim.capture_info import CaptureInfo
 from sim.pinhole import Pinhole
@@ -15,8 +16,6 @@ from sim.reason import Reason
 
 PLANE_RADIUS_PX = 3  # Normals are taken over 7x7 pixels.
 LOGIT_SCALE = 0.25  # A power of two, so that the logit is got back exactly.
-PRIOR_DRAWS = 1.0  # What the scene's own share of holes counts for.
-_RAREST = 1e-3  # Least share of holes, or of depth, that a scene is taken to have.
 
 # Disparities stay in pixels whatever the camera: windows, occlusions and noise are measured in it.
 GEOMETRY: dict[str, str] = {
@@ -31,7 +30,8 @@ GEOMETRY: dict[str, str] = {
 }
 REFLECTANCE: dict[str, str] = {"reflectance": "near-infrared, 0 to 1, its square root"}
 PHYSICS: dict[str, str] = {
-    "logit": "logit of the smoothed share of draws without depth, times `LOGIT_SCALE`",
+    "logit": "logit of what physics tells, times `LOGIT_SCALE`",
+    "share": "share of the draws without depth, pixel by pixel",
     "infrared": "simulated left image, its square root",
     "contrast": "local deviation over mean",
     "disparity_error": "simulated less reference disparity / 4 px, within one; 0 where unknown",
@@ -84,25 +84,6 @@ def check_size(info: CaptureInfo, name: str, image: NDArray) -> None:
         raise errors.refuse(name, rule, f"shape {image.shape}", "Correct the one that is wrong.")
 
 
-def smoothed_share(physics: Physics) -> Image:
-    """Probability (h, w) of no depth from k of n draws: (k + a m) / (n + a), a = 1 draw.
-
-    Never 0 or 1: so few draws cannot be that sure. m is the share of holes in all draws of the
-    scene, which the simulation itself knows: most pixels have depth, and half a draw's worth of
-    doubt in each would tell 6 % of holes where there are none.
-
-    Source: the posterior mean under a beta prior fitted to all pixels (empirical Bayes; Casella, An
-    introduction to empirical Bayes data analysis, The American Statistician 39, 1985).
-
-    Raises:
-        InputError: if there is no draw.
-    """
-    errors.in_interval("draws", physics.draws, 1, 1_000_000, "Simulate at least once.")
-    mean = np.clip(physics.ndp.mean(dtype=np.float64), _RAREST, 1 - _RAREST)
-    without = physics.ndp.astype(np.float64) * physics.draws
-    return ((without + PRIOR_DRAWS * mean) / (physics.draws + PRIOR_DRAWS)).astype(np.float32)
-
-
 def _geometry(example: Example) -> dict[str, Image]:
     camera = Pinhole.of(example.info)
     disparity = example.info.disparity_px(example.depth_m)
@@ -152,11 +133,12 @@ def given_physics(example: Example) -> Physics:
 
 
 def _physics(physics: Physics, reference_px: Image) -> dict[str, Image]:
-    share = smoothed_share(physics)
+    told = physics_probability(physics)
     matched = np.isfinite(physics.disparity_px)
     error = np.where(matched, physics.disparity_px - reference_px, 0)
     found = {
-        "logit": (np.log(share) - np.log1p(-share)) * np.float32(LOGIT_SCALE),
+        "logit": (np.log(told) - np.log1p(-told)) * np.float32(LOGIT_SCALE),
+        "share": physics.ndp,
         "infrared": np.sqrt(np.clip(physics.infrared, 0, 1)),
         "contrast": np.clip(physics.contrast, 0, 2),
         "disparity_error": np.clip(error / np.float32(4), -1, 1),

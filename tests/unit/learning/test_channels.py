@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from learning.example import Example
 from learning.training import channels as seeing
@@ -87,35 +85,6 @@ def test_the_right_border_of_the_overlap_changes_sign() -> None:
     disparity = INFO.disparity_px(example.depth_m)
     outside = np.arange(SHAPE[1]) < disparity
     np.testing.assert_array_equal(_channel(example, "right_column") < 0, outside)
-
-
-@given(st.integers(1, 64), st.data())
-def test_smoothed_share_leans_on_the_share_of_the_whole_scene(
-    draws: int, data: st.DataObject
-) -> None:
-    physics = step_scene(0).physics
-    assert physics is not None
-    rng = np.random.default_rng(data.draw(st.integers(0, 1000)))
-    k = rng.integers(0, draws + 1, SHAPE)
-    share = (k / draws).astype(np.float32)
-    smoothed = seeing.smoothed_share(dataclasses.replace(physics, ndp=share, draws=draws))
-    np.testing.assert_allclose(smoothed, (k + share.mean()) / (draws + 1), rtol=1e-4)
-    np.testing.assert_allclose(smoothed.mean(), share.mean(), rtol=1e-4)
-
-
-@pytest.mark.parametrize("share", [0.0, 1.0])
-def test_smoothed_share_is_never_certain(share: float) -> None:
-    physics = step_scene(0).physics
-    assert physics is not None
-    all_alike = dataclasses.replace(physics, ndp=np.full(SHAPE, share, np.float32))
-    smoothed = seeing.smoothed_share(all_alike)
-    assert ((smoothed > 0) & (smoothed < 1)).all()
-
-
-def test_refuses_no_draws() -> None:
-    with pytest.raises(InputError, match=r"draws must be in \[1, .*; got 0. Simulate"):
-        example = _with_physics(step_scene(0), draws=0)
-        seeing.channels(example, with_reflectance=False, with_physics=True)
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from learning.figures.proper_scores import log_loss
 from learning.learnable import known_holes
 from learning.method import Method
 from learning.methods.physics import Simulated, SimulatedPredictor
+from learning.physics_probability import physics_probability
 from learning.recalibration import Recalibration
 from patterns.errors import InputError
 from tests.unit.learning.step_scenes import SHAPE, step_scene
@@ -27,8 +28,7 @@ def _loss(predictor: SimulatedPredictor, scenes: list) -> float:
     )
 
 
-def test_physics_tells_the_smoothed_share_and_learns_nothing(tmp_path):
-    """Of 8 draws k without depth: (k + m) / 9, m the share of holes in all draws."""
+def test_physics_tells_its_probability_and_learns_nothing(tmp_path):
     method: Method = Simulated()
     assert method.name == "physics"
     physics = SCENES[0].physics
@@ -36,9 +36,7 @@ def test_physics_tells_the_smoothed_share_and_learns_nothing(tmp_path):
     for predictor in (method.fit([], folder=tmp_path, seed=0), method.load(tmp_path)):
         told = predictor.probability(SCENES[0])
         assert (told.dtype, told.shape) == (np.float32, SHAPE)
-        mean = physics.ndp.mean()
-        assert_allclose(told, (8 * physics.ndp + mean) / 9, rtol=1e-5)
-        assert told.min() > 0 and told.max() < 1
+        assert_array_equal(told, physics_probability(physics))
     assert not list(tmp_path.iterdir())
 
 

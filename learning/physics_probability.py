@@ -1,0 +1,38 @@
+"""What physics tells: the probability of no depth from repeated simulations."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from learning.example import Image, Physics
+from patterns import errors
+
+# Where on its window a matcher's answer turns is a matter of single dots, and of the reference's
+# registration to a pixel or two: a hole is told to half a window of 9 px. On real rooms the
+# ranking of pixels gains from every blur of 1 to 8 px, most from 3 to 5.
+PLACE_PX = 4.0
+PRIOR_DRAWS = 1.0  # What the scene's own share of holes counts for.
+_RAREST = 1e-3  # Least share of holes, or of depth, that a scene is taken to have.
+
+
+def physics_probability(physics: Physics) -> Image:
+    """Probability (h, w) of no depth from k of n draws: (k' + a m) / (n + a), a = 1 draw.
+
+    k' is k smoothed by a Gaussian of 4 px: holes are told no more precisely than a matching window.
+    Never 0 or 1: so few draws cannot be that sure. m is the share of holes in all draws of the
+    scene, which the simulation itself knows: most pixels have depth, and half a draw's worth of
+    doubt in each would tell 6 % of holes where there are none.
+
+    Source: the posterior mean under a beta prior fitted to all pixels (empirical Bayes; Casella, An
+    introduction to empirical Bayes data analysis, The American Statistician 39, 1985).
+
+    Raises:
+        InputError: if there is no draw.
+    """
+    errors.in_interval("draws", physics.draws, 1, 1_000_000, "Simulate at least once.")
+    mean = np.clip(physics.ndp.mean(dtype=np.float64), _RAREST, 1 - _RAREST)
+    share = physics.ndp.astype(np.float64)
+    share = np.asarray(cv2.GaussianBlur(share, (0, 0), PLACE_PX, borderType=cv2.BORDER_REPLICATE))
+    without = np.clip(share, 0, 1) * physics.draws
+    return ((without + PRIOR_DRAWS * mean) / (physics.draws + PRIOR_DRAWS)).astype(np.float32)

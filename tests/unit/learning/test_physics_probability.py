@@ -1,0 +1,59 @@
+"""What physics tells: the share of draws without depth, smoothed in the image."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
+
+from learning.example import Physics
+from learning.physics_probability import PLACE_PX, physics_probability
+from patterns.errors import InputError
+from tests.unit.learning.step_scenes import SHAPE, step_scene
+
+
+def _drawn(share: np.ndarray, draws: int) -> Physics:
+    physics = step_scene(0).physics
+    assert physics is not None
+    return dataclasses.replace(physics, ndp=share.astype(np.float32), draws=draws)
+
+
+@given(st.integers(1, 64), st.integers(0, 1000))
+def test_it_is_the_posterior_mean_of_the_share_nearby(draws: int, seed: int) -> None:
+    """(k' + m) / (n + 1), against another library's Gaussian."""
+    k = np.random.default_rng(seed).integers(0, draws + 1, SHAPE)
+    told = physics_probability(_drawn(k / draws, draws))
+    nearby = gaussian_filter(k.astype(np.float64), PLACE_PX, mode="nearest", truncate=4.0)
+    np.testing.assert_allclose(told, (nearby + k.mean() / draws) / (draws + 1), rtol=2e-3)
+
+
+def test_the_edge_of_a_hole_is_told_with_the_doubt_about_its_place() -> None:
+    """Half at the edge, and one deviation beside it the Gaussian's 0.16 and 0.84."""
+    share = np.zeros(SHAPE)
+    share[:, 32:] = 1
+    told = physics_probability(_drawn(share, 10**6))
+    edge = told[:, 31:33].mean()
+    assert edge == pytest.approx(0.5, abs=0.001)
+    beside = [told[:, column - 1 : column + 1].mean() for column in (28, 36)]
+    np.testing.assert_allclose(beside, [0.1587, 0.8413], atol=0.002)
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_it_is_never_certain(share: float) -> None:
+    told = physics_probability(_drawn(np.full(SHAPE, share), 8))
+    assert ((told > 0) & (told < 1)).all()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_what_is_alike_everywhere_stays_as_it_is(share: float) -> None:
+    told = physics_probability(_drawn(np.full(SHAPE, share), 8))
+    np.testing.assert_allclose(told, np.clip(share, 1e-3 / 9, 1 - 1e-3 / 9), atol=1e-6)
+
+
+def test_refuses_no_draws() -> None:
+    with pytest.raises(InputError, match=r"draws must be in \[1, .*; got 0. Simulate"):
+        physics_probability(_drawn(np.zeros(SHAPE), 0))
