@@ -25,6 +25,7 @@ SMOOTHING_PX = 12.0  # Of the infrared image that is reflectance: no dot is left
 LEFT_BAND = 100 / 1280  # Share of the columns that have no match in the right image, or few.
 DRAWS = 8  # Of noise and speckle.
 _EVEN = 0.5  # Reflectance where none may be known.
+_MADE = 2  # How physics is made; raised when the same sensor and scene would give another.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
@@ -135,7 +136,7 @@ def surface(scene: CapturedScene, sensor: Sensor, *, even: bool = False) -> Scen
     if believed is not None:
         return believed
     if not even:
-        return surfaces.load(scene.path, sensor, smoothing_px=SMOOTHING_PX)
+        return surfaces.load(scene.path, sensor, smoothing_px=SMOOTHING_PX, within_surfaces=True)
     plain = Material(name="even", reflectance=_EVEN)
     disparity_px = scene.info.disparity_px(_reference(scene))
     return depth_surface.scene(scene.name, disparity_px, scene.info, plain)
@@ -169,7 +170,8 @@ def _physics(scene: CapturedScene, plain: Example, simulation: Simulation) -> Ph
 
 def _digest(scene: CapturedScene, plain: Example, simulation: Simulation) -> str:
     """Name that changes when anything does that the simulation depends on."""
-    how = (sensor_digest(simulation.sensor), simulation.draws, simulation.seed, simulation.even)
+    drawn = (simulation.draws, simulation.seed, simulation.even)
+    how = (_MADE, sensor_digest(simulation.sensor), *drawn)
     believed = scene.known()
     found = hashlib.sha256(f"{how} {record.versions()} {plain.info} {believed}".encode())
     if believed is not None and (scene.path / believed.scene).is_file():

@@ -14,6 +14,7 @@ from sim.optics import shading
 from sim.pinhole import Pinhole
 from sim.scene import Material, Scene
 from sim.scenes import depth_surface, dots_off
+from sim.scenes.unmixed import unmixed
 from sim.sensor import Sensor
 
 Array = NDArray[np.float32]
@@ -21,7 +22,9 @@ Array = NDArray[np.float32]
 _MEAN_REFLECTANCE = 0.5  # Assumed: brightness alone cannot tell light from reflectance.
 
 
-def load(path: Path, sensor: Sensor, *, smoothing_px: float = 0.0) -> Scene:
+def load(
+    path: Path, sensor: Sensor, *, smoothing_px: float = 0.0, within_surfaces: bool = False
+) -> Scene:
     """Turn one scene of a capture set into a scene to simulate.
 
     The infrared image is the reflectance estimate: projector off where that was captured, else
@@ -33,6 +36,8 @@ def load(path: Path, sensor: Sensor, *, smoothing_px: float = 0.0) -> Scene:
         sensor: that the captures are of, as far as its left lens's vignetting goes.
         smoothing_px: sigma of a Gaussian that the image is smoothed by as it is, dots and all, so
             that nothing of its detail gets into the scene; 0 takes out the dots instead.
+        within_surfaces: what the Gaussian mixed across depth edges is parted again, by means of the
+            reference depth alone (`sim.scenes.unmixed`).
 
     Raises:
         InputError: if smoothing_px is not 0 to 100, the folder is no scene of a capture set, or
@@ -54,13 +59,20 @@ def load(path: Path, sensor: Sensor, *, smoothing_px: float = 0.0) -> Scene:
         info,
         Material(name="as seen"),
         reflectance=reflectance(
-            scene, vignetting=sensor.left.lens.vignetting, smoothing_px=smoothing_px
+            scene,
+            vignetting=sensor.left.lens.vignetting,
+            smoothing_px=smoothing_px,
+            surfaces_px=info.disparity_px(truth) if within_surfaces else None,
         ),
     )
 
 
 def reflectance(
-    scene: CapturedScene, *, vignetting: float = 0.0, smoothing_px: float = 0.0
+    scene: CapturedScene,
+    *,
+    vignetting: float = 0.0,
+    smoothing_px: float = 0.0,
+    surfaces_px: Array | None = None,
 ) -> Array:
     """Estimate reflectance (h, w) from the first infrared image, up to an assumed mean.
 
@@ -68,6 +80,7 @@ def reflectance(
         scene: of a capture set.
         vignetting: exponent of the left lens's (see `sim.parts.imager.Lens`), which is taken out.
         smoothing_px: as in `load`.
+        surfaces_px: (h, w) reference disparity, at whose jumps the smoothed image is parted.
 
     Raises:
         InputError: if there is no infrared image.
@@ -79,6 +92,8 @@ def reflectance(
     level = np.maximum(lit.astype(np.float32) - np.float32(info.black_level_dn or 0.0), 0)
     if smoothing_px > 0:
         level = np.asarray(cv2.GaussianBlur(level, (0, 0), smoothing_px), np.float32)
+        if surfaces_px is not None:
+            level = unmixed(level, surfaces_px, smoothing_px)
     elif frame.ir_left_off is None:
         level = np.maximum(dots_off.removed(level), 0)
     level = level / shading.vignetting(vignetting, Pinhole.of(info))

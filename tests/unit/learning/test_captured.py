@@ -121,6 +121,21 @@ def test_reflectance_is_the_smoothed_level_over_its_mean(captures):
     assert found.mean() == pytest.approx(0.5, rel=1e-5)
 
 
+def test_smoothed_reflectance_is_parted_where_the_surface_is(captures):
+    """Two levels on both sides of a jump in depth, mixed over 24 px, come out beside it as they
+    were; that an example's own reflectance stays mixed is what rivals are given."""
+    scene, middle = captures.scenes[0], SHAPE[1] // 2
+    image = np.full(SHAPE, 44, np.uint8)
+    image[:, middle:] = 24
+    (scene.path / "0" / "ir_left.png").write_bytes(png.encode(image))
+    disparity = np.where(image > 30, 30, 10).astype(np.float32)
+    found = surfaces.reflectance(scene, smoothing_px=6.0, surfaces_px=disparity)
+    assert_allclose(found[:, middle - 1], 0.5 * 40 / 30, rtol=0.03)
+    assert_allclose(found[:, middle], 0.5 * 20 / 30, rtol=0.03)
+    mixed = surfaces.reflectance(scene, smoothing_px=6.0)
+    assert_allclose(mixed[:, middle - 1 : middle + 1].mean(), 0.5, rtol=0.03)
+
+
 def test_smoothing_leaves_no_dot_in_an_example(captures):
     """Dots of one pixel deviate by 0.6 of the mean; of a Gaussian of 12 px some 1 % is left."""
     reflectance = captured.examples(captures)[0].reflectance
