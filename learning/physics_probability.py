@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from learning.example import Image, Physics
 from patterns import errors
@@ -32,7 +33,12 @@ def physics_probability(physics: Physics) -> Image:
     """
     errors.in_interval("draws", physics.draws, 1, 1_000_000, "Simulate at least once.")
     mean = np.clip(physics.ndp.mean(dtype=np.float64), _RAREST, 1 - _RAREST)
-    share = physics.ndp.astype(np.float64)
-    share = np.asarray(cv2.GaussianBlur(share, (0, 0), PLACE_PX, borderType=cv2.BORDER_REPLICATE))
-    without = np.clip(share, 0, 1) * physics.draws
+    share = np.clip(as_precise_as_physics(physics.ndp.astype(np.float64)), 0, 1)
+    without = share * physics.draws
     return ((without + PRIOR_DRAWS * mean) / (physics.draws + PRIOR_DRAWS)).astype(np.float32)
+
+
+def as_precise_as_physics(image: NDArray) -> NDArray:
+    """Smooth an image (h, w) that physics has made by the doubt about its places, 4 px."""
+    smoothed = cv2.GaussianBlur(image, (0, 0), PLACE_PX, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(smoothed, image.dtype)

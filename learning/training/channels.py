@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from learning.example import Example, Image, Physics
 from learning.geometry.filled import filled
 from learning.geometry.planes import fit_planes, incidence_cosine
-from learning.physics_probability import physics_probability
+from learning.physics_probability import as_precise_as_physics, physics_probability
 from patterns import errors
 from sim.capture_info import CaptureInfo
 from sim.pinhole import Pinhole
@@ -29,9 +29,8 @@ GEOMETRY: dict[str, str] = {
     "right_column": "column in the right image / 32 px, within one: below 0 it lies outside",
 }
 REFLECTANCE: dict[str, str] = {"reflectance": "near-infrared, 0 to 1, its square root"}
-PHYSICS: dict[str, str] = {
+PHYSICS: dict[str, str] = {  # All no more precise than physics is, 4 px; so the reasons.
     "logit": "logit of what physics tells, times `LOGIT_SCALE`",
-    "share": "share of the draws without depth, pixel by pixel",
     "infrared": "simulated left image, its square root",
     "contrast": "local deviation over mean",
     "disparity_error": "simulated less reference disparity / 4 px, within one; 0 where unknown",
@@ -133,12 +132,13 @@ def given_physics(example: Example) -> Physics:
 
 
 def _physics(physics: Physics, reference_px: Image) -> dict[str, Image]:
+    """What physics says, smoothed: sharp, its edges' places would be learnt by heart, which differ
+    from scene to scene by the reference's registration."""
     told = physics_probability(physics)
     matched = np.isfinite(physics.disparity_px)
     error = np.where(matched, physics.disparity_px - reference_px, 0)
     found = {
         "logit": (np.log(told) - np.log1p(-told)) * np.float32(LOGIT_SCALE),
-        "share": physics.ndp,
         "infrared": np.sqrt(np.clip(physics.infrared, 0, 1)),
         "contrast": np.clip(physics.contrast, 0, 2),
         "disparity_error": np.clip(error / np.float32(4), -1, 1),
@@ -147,4 +147,7 @@ def _physics(physics: Physics, reference_px: Image) -> dict[str, Image]:
     reasons = {
         name: np.isin(physics.reason, codes).astype(np.float32) for name, codes in REASONS.items()
     }
-    return found | reasons
+    return {
+        name: image if name == "logit" else as_precise_as_physics(image)
+        for name, image in (found | reasons).items()
+    }

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
 from learning.example import Physics
-from learning.physics_probability import PLACE_PX, physics_probability
+from learning.physics_probability import PLACE_PX, as_precise_as_physics, physics_probability
 from patterns.errors import InputError
 from tests.unit.learning.step_scenes import SHAPE, step_scene
 
@@ -57,3 +57,12 @@ def test_what_is_alike_everywhere_stays_as_it_is(share: float) -> None:
 def test_refuses_no_draws() -> None:
     with pytest.raises(InputError, match=r"draws must be in \[1, .*; got 0. Simulate"):
         physics_probability(_drawn(np.zeros(SHAPE), 0))
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_what_physics_says_is_smoothed_in_its_own_type(kind: type[np.floating]) -> None:
+    image = np.random.default_rng(0).random(SHAPE).astype(kind)
+    smoothed = as_precise_as_physics(image)
+    assert smoothed.dtype == kind
+    wanted = gaussian_filter(image.astype(np.float64), PLACE_PX, mode="nearest")
+    np.testing.assert_allclose(smoothed, wanted, atol=2e-3)

@@ -1,0 +1,99 @@
+"""Are drawn holes like real ones? Areas, perimeters, lengths along rows, and flicker.
+
+Holes are drawn once a scene from the probabilities that an evaluation by room has kept, so no
+method has learnt from the room it draws holes in; beside them one simulated frame as it comes, and
+the device's own. There are no real repeats: flicker is the simulator's, from its draws of noise.
+
+    STARLING_CAPTURES=... python benchmarks/ndp_holes.py EVALUATION --sensor TEMPLATE
+"""
+
+import argparse
+import dataclasses
+import os
+from pathlib import Path
+
+import numpy as np
+
+from learning import captured, holes, sampling
+from learning.captured import Simulation
+from learning.evaluate_captures import FOLDS
+from learning.learnable import known_holes
+from sim import asked_sensor, capture, png, progress
+from sim.simulate_captures import scene_seed
+
+FRAMES = 6  # Of which flicker is counted.
+SIMULATED = "one simulated frame"
+
+
+def main() -> None:
+    """Print a row of figures for each method."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("evaluation", type=Path)
+    parser.add_argument("--sensor", required=True, help="as `starling evaluate` takes it")
+    parser.add_argument("--set", nargs="*", default=[], help="likewise")
+    parser.add_argument("--cache", type=Path, help="likewise")
+    asked = parser.parse_args()
+    path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
+    real, drawn, overlap, flicker = [], {}, {}, {}
+    with progress.on_stderr() as tell:
+        for scene in tell(capture.open_set(path).scenes, "scenes"):
+            name = asked.sensor.replace("{room}", scene.room)
+            sensor = asked_sensor.load(name, captures=str(path), edits=tuple(asked.set))
+            simulation = Simulation(sensor=sensor, cache=asked.cache)
+            example = captured.example(scene, simulation=simulation)
+            once = dataclasses.replace(simulation, draws=1)
+            frame = captured.example(scene, simulation=once).physics
+            ndp, counted = known_holes(example)
+            real.append(holes.measure(ndp, counted))
+            sequences = {SIMULATED: (frame.ndp > 0)[None]}
+            for folder in sorted((asked.evaluation / FOLDS / scene.room).iterdir()):
+                code = png.read(folder / f"{scene.name}.png", "probability")
+                sequences[folder.name] = _sequence(code / np.float32(65535), scene.name)
+            for method, frames in sequences.items():
+                drawn.setdefault(method, []).append(holes.measure(frames[0], counted))
+                both, either = frames[0] & ndp & counted, (frames[0] | ndp) & counted
+                overlap.setdefault(method, []).append(both.sum() / max(either.sum(), 1))
+                rate = (
+                    _of_draws(example.physics, counted)
+                    if method == SIMULATED
+                    else holes.flicker_rate(frames, counted)
+                )
+                flicker.setdefault(method, []).append(rate)
+    _table(holes.pool(real), drawn, overlap, flicker)
+
+
+def _sequence(probability, scene):
+    return np.stack(
+        [
+            sampling.ndp(probability, sampling.TYPICAL, seed=scene_seed(0, scene), frame=frame)
+            for frame in range(FRAMES)
+        ]
+    )
+
+
+def _of_draws(physics, counted):
+    """Share of pixels that two independent draws differ in."""
+    without = physics.ndp[counted].astype(float) * physics.draws
+    pairs = physics.draws * (physics.draws - 1)
+    return float((2 * without * (physics.draws - without) / pairs).mean())
+
+
+def _table(real, drawn, overlap, flicker):
+    sizes = ("area_px", "perimeter_px", "run_px", "area_of_pixel_px")
+    heads = "".join(f"{name.removesuffix('_px') + ' KS, log':>24}" for name in sizes)
+    print(f"{'':24}{'rate %':>8}{'IoU':>7}{heads}{'flicker %':>11}")
+    print(f"{'device':24}{100 * real.share:8.2f}")
+    for method, measured in drawn.items():
+        pooled = holes.pool(measured)
+        cells = ""
+        for name in sizes:
+            far = holes.distance(getattr(pooled, name), getattr(real, name))
+            cells += f"{far.kolmogorov_smirnov:15.3f}{far.wasserstein_log:9.3f}"
+        print(
+            f"{method:24}{100 * pooled.share:8.2f}{np.mean(overlap[method]):7.3f}{cells}"
+            f"{100 * np.mean(flicker[method]):11.3f}"
+        )
+
+
+if __name__ == "__main__":
+    main()
