@@ -17,13 +17,17 @@ PRIOR_DRAWS = 1.0  # What the scene's own share of holes counts for.
 _RAREST = 1e-3  # Least share of holes, or of depth, that a scene is taken to have.
 
 
-def physics_probability(physics: Physics) -> Image:
+def physics_probability(physics: Physics, *, place_px: float = PLACE_PX) -> Image:
     """Probability (h, w) of no depth from k of n draws: (k' + a m) / (n + a), a = 1 draw.
 
-    k' is k smoothed by a Gaussian of 4 px: holes are told no more precisely than a matching window.
+    k' is k smoothed by a Gaussian: holes are told no more precisely than a matching window.
     Never 0 or 1: so few draws cannot be that sure. m is the share of holes in all draws of the
     scene, which the simulation itself knows: most pixels have depth, and half a draw's worth of
     doubt in each would tell 6 % of holes where there are none.
+
+    Args:
+        physics: repeated simulations.
+        place_px: sigma of the Gaussian; 0 = as drawn.
 
     Source: the posterior mean under a beta prior fitted to all pixels (empirical Bayes; Casella, An
     introduction to empirical Bayes data analysis, The American Statistician 39, 1985).
@@ -33,12 +37,18 @@ def physics_probability(physics: Physics) -> Image:
     """
     errors.in_interval("draws", physics.draws, 1, 1_000_000, "Simulate at least once.")
     mean = np.clip(physics.ndp.mean(dtype=np.float64), _RAREST, 1 - _RAREST)
-    share = np.clip(as_precise_as_physics(physics.ndp.astype(np.float64)), 0, 1)
+    share = physics.ndp.astype(np.float64)
+    if place_px > 0:
+        share = np.clip(_smoothed(share, place_px), 0, 1)
     without = share * physics.draws
     return ((without + PRIOR_DRAWS * mean) / (physics.draws + PRIOR_DRAWS)).astype(np.float32)
 
 
 def as_precise_as_physics(image: NDArray) -> NDArray:
     """Smooth an image (h, w) that physics has made by the doubt about its places, 4 px."""
-    smoothed = cv2.GaussianBlur(image, (0, 0), PLACE_PX, borderType=cv2.BORDER_REPLICATE)
+    return _smoothed(image, PLACE_PX)
+
+
+def _smoothed(image: NDArray, sigma_px: float) -> NDArray:
+    smoothed = cv2.GaussianBlur(image, (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(smoothed, image.dtype)

@@ -1,0 +1,47 @@
+"""How precisely physics tells the place of a real D415's holes: figures against smoothing.
+
+STARLING_CAPTURES=... python benchmarks/ndp_place.py --sensor TEMPLATE
+"""
+
+import argparse
+import os
+from pathlib import Path
+
+from learning import captured, evaluation
+from learning.captured import Simulation
+from learning.evaluation import Told
+from learning.physics_probability import physics_probability
+from sim import asked_sensor, capture, progress
+
+SIGMAS_PX = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)
+
+
+def main() -> None:
+    """Print means over rooms for each smoothing."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sensor", required=True, help="as `starling evaluate` takes it")
+    parser.add_argument("--set", nargs="*", default=[], help="likewise")
+    parser.add_argument("--cache", type=Path, help="likewise")
+    asked = parser.parse_args()
+    path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
+    told = {sigma_px: [] for sigma_px in SIGMAS_PX}
+    with progress.on_stderr() as tell:
+        for scene in tell(capture.open_set(path).scenes, "scenes"):
+            name = asked.sensor.replace("{room}", scene.room)
+            sensor = asked_sensor.load(name, captures=str(path), edits=tuple(asked.set))
+            simulation = Simulation(sensor=sensor, cache=asked.cache)
+            example = captured.example(scene, simulation=simulation)
+            for sigma_px, of_it in told.items():
+                probability = physics_probability(example.physics, place_px=sigma_px)
+                of_it.append(Told(example=example, probability=probability))
+    print(f"{'sigma px':>8}{'AUC':>8}{'TPR 10 %':>10}{'TPR 4 %':>9}{'Brier skill':>13}{'ECE':>8}")
+    for sigma_px, of_it in told.items():
+        mean = evaluation.scores(of_it).mean
+        print(
+            f"{sigma_px:8g}{mean.auc:8.3f}{mean.tpr_at_fpr10:10.3f}{mean.tpr_at_fpr4:9.3f}"
+            f"{mean.brier_skill:13.3f}{mean.ece:8.4f}"
+        )
+
+
+if __name__ == "__main__":
+    main()
