@@ -119,11 +119,10 @@ def _judged(told: Told, *, off_edges: bool = False) -> Judged:
 
 def _with_both_kinds(scenes: Sequence[tuple[str, Judged]]) -> list[tuple[str, Judged]]:
     """Scenes of rooms that have pixels with depth and without."""
-    mixed = {
-        room
-        for room, _ in scenes
-        if 0 < pool(judged for its, judged in scenes if its == room).share < 1
-    }
+    of_room: dict[str, list[Judged]] = {}
+    for room, judged in scenes:
+        of_room.setdefault(room, []).append(judged)
+    mixed = {room for room, its in of_room.items() if 0 < pool(its).share < 1}
     return [(room, judged) for room, judged in scenes if room in mixed]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
@@ -12,12 +11,11 @@ import numpy as np
 from learning.evaluation import Scores, Told
 from learning.example import Image
 from learning.learnable import known_holes
-from sim import panels, sheet
+from sim import canvas, panels, sheet
 from sim.sheet import Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _SIZE_IN = (13.0, 6.2)
 _DPI = 100
@@ -30,11 +28,8 @@ _SURE = 0.5
 def curves(methods: Mapping[str, Scores]) -> bytes:
     """ROC and reliability of all methods side by side, as PNG bytes."""
     from matplotlib import colormaps
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=_SIZE_IN, dpi=_DPI, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = canvas.empty(_SIZE_IN, _DPI, layout="constrained")
     ranking, honesty = figure.subplots(1, 2)
     for number, (name, scores) in enumerate(methods.items()):
         colour = colormaps[_COLOURS](number % 20)
@@ -59,7 +54,7 @@ def curves(methods: Mapping[str, Scores]) -> bytes:
     honesty.set(xlabel="probability told", ylabel="share of pixels without depth")
     for axes in (ranking, honesty):
         axes.grid(color=_GRID, lw=0.7)
-    return _png(figure)
+    return canvas.encoded(figure)
 
 
 def scenes(methods: Mapping[str, Sequence[Told]]) -> bytes:
@@ -97,9 +92,3 @@ def _missed(told: Told) -> int:
     """Number of counted holes told with less than 0.5."""
     ndp, counted = known_holes(told.example)
     return int(np.count_nonzero(ndp & counted & (told.probability < _SURE)))
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
+
+from sim import canvas
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _GAP_IN = 0.25  # Between columns.
 _HEADING_IN = 0.36  # Above each panel.
-_JPEG_QUALITY = 62
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -40,16 +40,12 @@ def draw(
         dpi: pixels an inch.
         kind: of the picture file.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     columns = max(map(len, rows))
     high_in = panel_in * shape[0] / shape[1]
     below_in = [max(panel.below_in for panel in row) for row in rows]
     width = columns * (panel_in + _GAP_IN) + _GAP_IN
     height = len(rows) * (_HEADING_IN + high_in) + sum(below_in) + 0.1
-    figure = Figure(figsize=(width, height), dpi=dpi, facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = canvas.empty((width, height), dpi)
     y = height
     for row, below in zip(rows, below_in, strict=True):
         y -= _HEADING_IN + high_in
@@ -58,7 +54,4 @@ def draw(
             place = (x / width, y / height, panel_in / width, high_in / height)
             panel.draw(figure.add_axes(place))
         y -= below
-    buffer = io.BytesIO()
-    quality = {"quality": _JPEG_QUALITY} if kind == "jpeg" else None
-    figure.savefig(buffer, format=kind, pil_kwargs=quality)
-    return buffer.getvalue()
+    return canvas.encoded(figure, kind)

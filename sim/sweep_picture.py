@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from sim import sweep_axes
+from sim import canvas, sweep_axes
 from sim.sweep_axes import AXES, Camera
 from sim.sweep_figures import BEHIND, Figures, nearest_m
 
@@ -43,15 +42,11 @@ def draw(found: Sweep) -> bytes:
     A row holds the cameras that differ from the base in its axis alone; of a full factorial the
     other combinations are in the tables only.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     shown = {name: sweep_axes.along(name, found.cameras) for name in AXES}
     rows = {name: cameras for name, cameras in shown.items() if len(cameras) > 1}
     rows = rows or {next(iter(AXES)): list(found.cameras)}  # The base alone.
     height = _HEAD_IN + _FOOT_IN + _ROW_IN * len(rows)
-    figure = Figure(figsize=(_WIDTH_IN, height), dpi=_DPI, facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = canvas.empty((_WIDTH_IN, height), _DPI)
     grid = figure.add_gridspec(
         len(rows),
         3,
@@ -75,9 +70,7 @@ def draw(found: Sweep) -> bytes:
             axes.set_xlabel("distance [m]" if last else "")
         reasons.set_xlabel("share of the image [%]" if last else "")
     _headings(figure, found, height)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
+    return canvas.encoded(figure)
 
 
 def _headings(figure: Any, found: Sweep, height: float) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,6 +72,20 @@ def channels(example: Example, *, with_reflectance: bool, with_physics: bool) ->
         seen |= _physics(given_physics(example), seen["disparity"] * np.float32(32))
     order = names(with_reflectance=with_reflectance, with_physics=with_physics)
     return np.stack([seen[name] for name in order], dtype=np.float32)
+
+
+def saying_nothing(share: float, *, with_reflectance: bool) -> tuple[tuple[int, float], ...]:
+    """Physics' channels by number, and the value of each that tells no pixel from another.
+
+    Args:
+        share: of pixels without depth, 0 to 1: all that the logit says then.
+        with_reflectance: whether reflectance stands before them.
+    """
+    order = names(with_reflectance=with_reflectance, with_physics=True)
+    logit = math.log(share / (1 - share)) * LOGIT_SCALE
+    return tuple(
+        (order.index(name), logit if name == "logit" else 0.0) for name in (*PHYSICS, *REASONS)
+    )
 
 
 def check_size(info: CaptureInfo, name: str, image: NDArray) -> None:

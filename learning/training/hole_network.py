@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,7 @@ from torch import nn
 from learning.example import Example, Mask
 from learning.training import samples as drawing
 from learning.training import weights
-from learning.training.channels import ODD, channels, names
+from learning.training.channels import ODD, channels, names, saying_nothing
 from learning.training.learner import HoleLearner, initialised, log_loss
 from learning.training.loop import train
 from learning.training.settings import Settings
@@ -55,7 +56,11 @@ def fit_hole_network(
         wanted=_ndp,
         tell=tell,
     )
-    network = initialised(partial(build, drawing.share(samples)), seed)
+    share = drawing.share(samples)
+    if with_physics:
+        hideable = saying_nothing(share, with_reflectance=with_reflectance)
+        samples = [dataclasses.replace(sample, hideable=hideable) for sample in samples]
+    network = initialised(partial(build, share), seed)
     learnt = train(
         HoleLearner(network, settings),
         samples,

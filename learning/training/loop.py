@@ -1,4 +1,4 @@
-"""The loop all networks are trained in: steps, averages, early stopping, and going on after a kill.
+"""The loop all networks are trained in: steps, averages, a room held out, going on after a kill.
 
 What a step draws depends on the seed and its number alone, so training that was killed goes on from
 its last checkpoint to the very same bits, on one machine with one number of threads.
@@ -39,7 +39,6 @@ class _Run:
     best: dict[str, Any]  # The average's weights when the room held out liked them best.
     step: int = 0
     lowest: float = math.inf  # Its loss then.
-    stale: int = 0  # Looks since.
     curve: list[dict[str, float]] = field(default_factory=list)
 
 
@@ -87,15 +86,13 @@ def train(
     if path.exists():
         _resume(run, learner, checkpoint.load(path, kind), identity)
     save = partial(_save, run, learner, folder=folder, kind=kind, identity=identity)
-    steps = range(run.step, settings.steps) if run.stale < settings.patience else range(0)
+    steps = range(run.step, settings.steps)
     for step in tell(steps, f"train {kind}"):
         row = _step(run, learner, learnt_from, settings, seed, step)
         run.step = step + 1
         due = run.step % settings.validate_every == 0 or run.step == settings.steps
         if judge and held_out and due:
             row[_HELD_OUT] = _look(run, judge, held_out, step)
-        if run.stale >= settings.patience:
-            break
         if run.step % settings.save_every == 0:
             save()
     if steps:
@@ -117,7 +114,15 @@ def _step(
 
     def draw(part: str) -> Batch:
         crops, count = settings.crop_px, settings.batch
-        batch = drawing.draw(samples, count=count, crop_px=crops, seed=seed, step=step, part=part)
+        batch = drawing.draw(
+            samples,
+            count=count,
+            crop_px=crops,
+            hidden=settings.hidden,
+            seed=seed,
+            step=step,
+            part=part,
+        )
         return _moved(batch, where)
 
     losses = learner.update(draw, step)
@@ -142,9 +147,8 @@ def _look(run: _Run, judge: Judge, held_out: Sequence[Sample], step: int) -> flo
     losses = [judge(run.averaged, batch).item() for batch in batches]
     loss = sum(losses) / len(losses)
     _check_number(_HELD_OUT, loss, step)
-    run.stale += 1
     if loss < run.lowest:
-        run.lowest, run.stale = loss, 0
+        run.lowest = loss
         run.best = copy.deepcopy(run.averaged.state_dict())
     return loss
 
@@ -171,7 +175,6 @@ def _save(run: _Run, learner: Learner, *, folder: Path, kind: str, identity: str
         "best": run.best,
         "step": run.step,
         "lowest": run.lowest,
-        "stale": run.stale,
         "curve": run.curve,
     }
     checkpoint.save(folder / CHECKPOINT, kind, content)
@@ -186,7 +189,7 @@ def _resume(run: _Run, learner: Learner, content: dict[str, Any], identity: str)
     checkpoint.restore(run.averaged, content["averaged"])
     for optimizer, state in zip(learner.optimizers, content["optimizers"], strict=True):
         optimizer.load_state_dict(state)
-    for name in ("best", "step", "lowest", "stale", "curve"):
+    for name in ("best", "step", "lowest", "curve"):
         setattr(run, name, content[name])
 
 

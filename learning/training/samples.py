@@ -33,6 +33,7 @@ class Sample:
     odd: tuple[int, ...]  # Channels of `seen` that change sign upside down.
     target: Image  # (h, w)
     counted: Mask  # (h, w)
+    hideable: tuple[tuple[int, float], ...] = ()  # Channels, and the value that says nothing.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +108,8 @@ def digest(samples: Sequence[Sample]) -> int:
     """Number that changes when anything of the samples does."""
     value = 0
     for sample in samples:
-        value = zlib.crc32(f"{sample.scene} {sample.room} {sample.odd}".encode(), value)
+        name = f"{sample.scene} {sample.room} {sample.odd} {sample.hideable}"
+        value = zlib.crc32(name.encode(), value)
         for array in (sample.seen, sample.target, sample.counted):
             value = zlib.crc32(np.ascontiguousarray(array).data, value)
     return value
@@ -130,6 +132,7 @@ def draw(
     *,
     count: int,
     crop_px: tuple[int, int],
+    hidden: float,
     seed: int,
     step: int,
     part: str,
@@ -139,18 +142,22 @@ def draw(
     Scenes come in turn, in an order that is shuffled each time round, so that each weighs the same.
     Half of the crops are turned upside down. They are never mirrored: the right imager stays on
     the right. Nor is depth scaled: disparity would have to follow, and the holes with it.
+
+    In a share `hidden` of the crops the channels that may be hidden say nothing, all together: so
+    the others are learnt from as if alone (Neverova et al., ModDrop, PAMI 2016).
     """
     rng = generator(seed, step, "training", part)
+    hide = generator(seed, step, "training", f"{part} hidden").random(count) < hidden
     crops = []
-    for place in range(step * count, (step + 1) * count):
+    for place, hides in enumerate(hide, start=step * count):
         turn, position = divmod(place, len(samples))
         order = generator(seed, turn, "training", f"{part} order").permutation(len(samples))
-        crops.append(_crop(samples[order[position]], crop_px, rng))
+        crops.append(_crop(samples[order[position]], crop_px, hides, rng))
     return _batch(crops)
 
 
 def _crop(
-    sample: Sample, crop_px: tuple[int, int], rng: np.random.Generator
+    sample: Sample, crop_px: tuple[int, int], hides: bool, rng: np.random.Generator
 ) -> tuple[Image, Image, Mask]:
     height, width = sample.target.shape
     rows, columns = (min(*pair) for pair in zip(crop_px, (height, width), strict=True))
@@ -167,6 +174,10 @@ def _crop(
     if rng.random() < 0.5:
         seen, target, counted = seen[:, ::-1].copy(), target[::-1], counted[::-1]
         seen[list(sample.odd)] *= -1
+    if hides and sample.hideable:
+        seen = seen.copy()
+        for channel, value in sample.hideable:
+            seen[channel] = value
     return seen, target, counted
 
 

@@ -11,19 +11,19 @@ from patterns import errors
 class Settings:
     """Steps, batches and rates; the defaults take minutes on two processor cores."""
 
-    steps: int = 1500
+    steps: int = 500
     batch: int = 8  # Crops a step; scenes come in turn.
     crop_px: tuple[int, int] = (192, 384)  # (h, w); wide, as occlusions lie along rows.
     rate: float = 2e-3  # Highest learning rate.
     weight_decay: float = 1e-2
     averaging: float = 0.99  # Share that the running average of weights keeps a step.
     save_every: int = 50  # Steps between checkpoints.
-    validate_every: int = 100  # Steps between looks at the room held out.
-    patience: int = 5  # Looks without gain after which learning stops.
-    rooms_to_hold_out: int = 4  # From so many rooms on, one says when to stop (not for GANs).
+    validate_every: int = 50  # Steps between looks at the room held out.
+    rooms_to_hold_out: int = 4  # From so many rooms on, one says which weights (not for GANs).
+    hidden: float = 0.5  # Share of crops in which physics, where it is seen, is hidden.
 
     def __post_init__(self) -> None:
-        whole = ("steps", "batch", "save_every", "validate_every", "patience", "rooms_to_hold_out")
+        whole = ("steps", "batch", "save_every", "validate_every", "rooms_to_hold_out")
         for name in whole:
             errors.in_interval(name, getattr(self, name), 1, 10_000_000)
         for side in self.crop_px:
@@ -31,3 +31,4 @@ class Settings:
         errors.positive("rate", self.rate)
         errors.in_interval("weight_decay", self.weight_decay, 0.0, 1.0)
         errors.in_interval("averaging", self.averaging, 0.0, 1.0)
+        errors.in_interval("hidden", self.hidden, 0.0, 1.0)

@@ -44,6 +44,18 @@ def test_a_slanted_plane_has_its_gradient_and_incidence() -> None:
     np.testing.assert_allclose(_channel(example, "off_axis"), np.hypot(u, v), rtol=1e-5)
 
 
+@pytest.mark.parametrize("with_reflectance", [False, True])
+def test_physics_that_says_nothing_tells_the_share_of_holes_everywhere(
+    with_reflectance: bool,
+) -> None:
+    order = seeing.names(with_reflectance=with_reflectance, with_physics=True)
+    values = dict(seeing.saying_nothing(0.2, with_reflectance=with_reflectance))
+    assert {order[number] for number in values} == {*seeing.PHYSICS, *seeing.REASONS}
+    logit = values.pop(order.index("logit")) / seeing.LOGIT_SCALE
+    assert 1 / (1 + np.exp(-logit)) == pytest.approx(0.2)
+    assert set(values.values()) == {0.0}
+
+
 def test_turning_the_scene_upside_down_turns_the_channels_and_the_signs_of_the_odd_ones() -> None:
     """What the augmentation takes for granted; the principal point lies in the middle."""
     example = step_scene(3)

@@ -33,7 +33,7 @@ def _sample(number: int, shape: tuple[int, int] = WIDE, room: str = "") -> Sampl
 
 
 SAMPLES = [_sample(number) for number in range(5)]
-_draw = partial(drawing.draw, SAMPLES, count=4, crop_px=(80, 160), seed=0, part="crops")
+_draw = partial(drawing.draw, SAMPLES, count=4, crop_px=(80, 160), hidden=0.0, seed=0, part="crops")
 
 
 def test_every_scene_is_drawn_equally_often() -> None:
@@ -66,6 +66,25 @@ def test_about_half_are_turned() -> None:
     assert 70 < sum(turned) < 130
 
 
+def test_about_half_hide_what_may_be_hidden_and_nothing_else() -> None:
+    hiding = [dataclasses.replace(one, hideable=((0, -7.0), (2, 0.0))) for one in SAMPLES]
+    open_, hidden = 0, 0
+    for step in range(50):
+        plain = _draw(step=step)
+        some = drawing.draw(
+            hiding, count=4, crop_px=(80, 160), hidden=0.5, seed=0, step=step, part="crops"
+        )
+        assert torch.equal(some.target, plain.target)
+        assert torch.equal(some.counted, plain.counted)
+        assert torch.equal(some.seen[:, 1], plain.seen[:, 1])
+        for crop, whole in zip(some.seen, plain.seen, strict=True):
+            open_ += torch.equal(crop, whole)
+            hidden += bool((crop[0] == -7).all() and (crop[2] == 0).all())
+    assert open_ + hidden == 200
+    assert 70 < hidden < 130
+    assert all((sample.seen[2] > 0).all() for sample in hiding)  # The scenes stay as they were.
+
+
 def test_a_step_draws_the_same_whatever_came_before() -> None:
     first, again, other = _draw(step=7), _draw(step=7), _draw(step=8)
     assert torch.equal(first.seen, again.seen)
@@ -95,7 +114,13 @@ def test_pixels_near_a_cut_do_not_count_and_those_at_the_image_border_do(step: i
 
 def test_images_smaller_than_a_crop_are_taken_whole() -> None:
     batch = drawing.draw(
-        [_sample(0, (20, 30))], count=2, crop_px=(80, 160), seed=0, step=0, part="crops"
+        [_sample(0, (20, 30))],
+        count=2,
+        crop_px=(80, 160),
+        hidden=0.0,
+        seed=0,
+        step=0,
+        part="crops",
     )
     assert batch.seen.shape == (2, 3, 20, 30)
     assert batch.counted.all()
