@@ -11,7 +11,7 @@ from patterns import errors
 class Settings:
     """Steps, batches and rates; the defaults take minutes on two processor cores."""
 
-    steps: int = 500
+    steps: int = 600
     batch: int = 8  # Crops a step; scenes come in turn.
     crop_px: tuple[int, int] = (192, 384)  # (h, w); wide, as occlusions lie along rows.
     rate: float = 2e-3  # Highest learning rate.
@@ -20,7 +20,7 @@ class Settings:
     save_every: int = 50  # Steps between checkpoints.
     validate_every: int = 50  # Steps between looks at the room held out.
     rooms_to_hold_out: int = 4  # From so many rooms on, one says which weights (not for GANs).
-    hidden: float = 0.5  # Share of crops in which physics, where it is seen, is hidden.
+    hidden: float = 0.75  # Share of crops in which physics, where it is seen, is hidden.
 
     def __post_init__(self) -> None:
         whole = ("steps", "batch", "save_every", "validate_every", "rooms_to_hold_out")
