@@ -27,7 +27,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("--sensor", required=True, help="as `starling evaluate` takes it")
-    parser.add_argument("--set", nargs="*", default=[], help="likewise")
     parser.add_argument("--cache", type=Path, help="likewise")
     parser.add_argument("--steps", type=int, help="likewise")
     parser.add_argument("--rooms", nargs="*", help="likewise")
@@ -39,7 +38,7 @@ def main() -> None:
     with progress.on_stderr() as tell:
         for held in tell(asked.rooms or rooms, "rooms"):
             name = asked.sensor.replace("{room}", held)
-            sensor = asked_sensor.load(name, captures=str(path), edits=tuple(asked.set))
+            sensor = asked_sensor.load(name, captures=str(path))
             examples = captured.examples(
                 opened, simulation=Simulation(sensor=sensor, cache=asked.cache)
             )

@@ -30,7 +30,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("evaluation", type=Path)
     parser.add_argument("--sensor", required=True, help="as `starling evaluate` takes it")
-    parser.add_argument("--set", nargs="*", default=[], help="likewise")
     parser.add_argument("--cache", type=Path, help="likewise")
     asked = parser.parse_args()
     path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
@@ -38,7 +37,7 @@ def main() -> None:
     with progress.on_stderr() as tell:
         for scene in tell(capture.open_set(path).scenes, "scenes"):
             name = asked.sensor.replace("{room}", scene.room)
-            sensor = asked_sensor.load(name, captures=str(path), edits=tuple(asked.set))
+            sensor = asked_sensor.load(name, captures=str(path))
             simulation = Simulation(sensor=sensor, cache=asked.cache)
             example = captured.example(scene, simulation=simulation)
             once = dataclasses.replace(simulation, draws=1)

@@ -39,16 +39,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("evaluation", type=Path)
     parser.add_argument("--sensor", required=True, help="as `starling evaluate` takes it")
-    parser.add_argument("--set", nargs="*", default=[], help="likewise")
     parser.add_argument("--cache", type=Path, help="likewise")
+    parser.add_argument("--captures", type=Path, help="likewise; d415-faro if not given")
     parser.add_argument("--trials", type=int, default=50)
+    parser.add_argument(
+        "--most", type=float, nargs=2, action="append", help="disturbance [m] and [deg]"
+    )
     asked = parser.parse_args()
-    path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
+    path = asked.captures or Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
     shown = {}
     with progress.on_stderr() as tell:
         for scene in tell(capture.open_set(path).scenes, "depth images"):
             name = asked.sensor.replace("{room}", scene.room)
-            sensor = asked_sensor.load(name, captures=str(path), edits=tuple(asked.set))
+            sensor = asked_sensor.load(name, captures=str(path))
             simulation = Simulation(sensor=sensor, cache=asked.cache)
             example = captured.example(scene, simulation=simulation)
             pieces = objects.in_room(
@@ -58,7 +61,7 @@ def main() -> None:
                 folder = asked.evaluation / FOLDS / scene.room
                 depths = _depths(scene, example, folder)
                 shown[scene.name] = (example, pieces, depths)
-        for move_m, turn_deg in DISTURBANCES:
+        for move_m, turn_deg in asked.most or DISTURBANCES:
             outcomes = study.pool(
                 [
                     study.align(
