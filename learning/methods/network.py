@@ -73,7 +73,7 @@ class Network:
         """
         network = fit_hole_network(
             examples,
-            self._built,
+            self.unlearnt,
             self.settings,
             name=self.name,
             with_reflectance=self.with_reflectance,
@@ -90,16 +90,16 @@ class Network:
         Raises:
             InputError: as `learning.training.weights.load`.
         """
-        network = self._built(0.5)
+        network = self.unlearnt()
         shape = weights.load(folder, self.name, network, self._seen)
         return NetworkPredictor(network, self.with_reflectance, shape)
 
-    @property
-    def _seen(self) -> tuple[str, ...]:
-        return names(with_reflectance=self.with_reflectance, with_physics=False)
-
-    def _built(self, share: float) -> UNet:
+    def unlearnt(self, share: float = 0.5) -> UNet:
         """Give every pixel the share of holes at first: that much need not be learnt."""
         network = UNet(len(self._seen))
         network.start_at(math.log(share / (1 - share)))
         return network
+
+    @property
+    def _seen(self) -> tuple[str, ...]:
+        return names(with_reflectance=self.with_reflectance, with_physics=False)

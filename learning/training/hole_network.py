@@ -14,7 +14,7 @@ from learning.example import Example, Mask
 from learning.training import samples as drawing
 from learning.training import weights
 from learning.training.channels import ODD, channels, names, saying_nothing
-from learning.training.learner import HoleLearner, initialised, log_loss
+from learning.training.learner import HoleLearner, initialised
 from learning.training.loop import train
 from learning.training.settings import Settings
 from sim import progress
@@ -68,7 +68,6 @@ def fit_hole_network(
         kind=f"{name} training",
         folder=folder,
         seed=seed,
-        judge=log_loss,
         tell=tell,
     )["holes"]
     weights.save(folder, name, learnt, seen, examples[0].info.shape)

@@ -1,4 +1,4 @@
-"""The loop all networks are trained in: steps, averages, a room held out, going on after a kill.
+"""The loop all networks are trained in: steps, averages, and going on after a kill.
 
 What a step draws depends on the seed and its number alone, so training that was killed goes on from
 its last checkpoint to the very same bits, on one machine with one number of threads.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -27,8 +27,6 @@ from sim import output, progress
 
 CHECKPOINT = "training.pt"
 CURVE = "loss.csv"
-Judge = Callable[[nn.ModuleDict, Batch], torch.Tensor]  # Gives the loss () of a whole image.
-_HELD_OUT = "held_out"  # Column of the loss of the room held out.
 
 
 @dataclass(slots=True)
@@ -36,9 +34,7 @@ class _Run:
     """Where a training stands."""
 
     averaged: nn.ModuleDict  # Running average of the weights: what is used in the end.
-    best: dict[str, Any]  # The average's weights when the room held out liked them best.
     step: int = 0
-    lowest: float = math.inf  # Its loss then.
     curve: list[dict[str, float]] = field(default_factory=list)
 
 
@@ -50,14 +46,12 @@ def train(
     kind: str,
     folder: Path,
     seed: int,
-    judge: Judge | None = None,
     tell: progress.Progress = progress.silent,
 ) -> nn.ModuleDict:
     """Train to the end, or go on where `folder`'s checkpoint stands.
 
-    With a judge and `settings.rooms_to_hold_out` rooms or more, one is held out, and the weights
-    that the judge likes best there are given back; else those of the last step. Both are averages
-    over steps (Polyak and Juditsky, SIAM J. Control Optim. 1992).
+    The weights given back are averages over the last steps (Polyak and Juditsky, SIAM J. Control
+    Optim. 1992).
 
     Args:
         learner: freshly initialised.
@@ -66,7 +60,6 @@ def train(
         kind: the method, which the checkpoint is marked with.
         folder: gets `training.pt` and `loss.csv`.
         seed: fixes all crops.
-        judge: what the room held out is judged by, the lower the better.
         tell: wraps the loop over steps.
 
     Returns:
@@ -76,11 +69,7 @@ def train(
         InputError: if a loss is no number (says at which batch), or the checkpoint is damaged or
             of another training.
     """
-    learnt_from, held_out = list(samples), []
-    if judge and len({sample.room for sample in samples}) >= settings.rooms_to_hold_out:
-        learnt_from, held_out = drawing.split(samples, seed)
-    averaged = copy.deepcopy(learner.networks).requires_grad_(False)
-    run = _Run(averaged, copy.deepcopy(averaged.state_dict()))
+    run = _Run(copy.deepcopy(learner.networks).requires_grad_(False))
     identity = f"{settings} seed {seed} data {drawing.digest(samples):08x}"
     path = folder / CHECKPOINT
     if path.exists():
@@ -88,17 +77,12 @@ def train(
     save = partial(_save, run, learner, folder=folder, kind=kind, identity=identity)
     steps = range(run.step, settings.steps)
     for step in tell(steps, f"train {kind}"):
-        row = _step(run, learner, learnt_from, settings, seed, step)
+        _step(run, learner, samples, settings, seed, step)
         run.step = step + 1
-        due = run.step % settings.validate_every == 0 or run.step == settings.steps
-        if judge and held_out and due:
-            row[_HELD_OUT] = _look(run, judge, held_out, step)
         if run.step % settings.save_every == 0:
             save()
     if steps:
         save()
-    if held_out:
-        run.averaged.load_state_dict(run.best)
     return run.averaged.eval()
 
 
@@ -109,7 +93,7 @@ def _step(
     settings: Settings,
     seed: int,
     step: int,
-) -> dict[str, float]:
+) -> None:
     where = next(learner.networks.parameters()).device
 
     def draw(part: str) -> Batch:
@@ -134,23 +118,7 @@ def _step(
         pairs = zip(run.averaged.parameters(), learner.networks.parameters(), strict=True)
         for mean, value in pairs:
             mean.lerp_(value, 1 - keep)
-    row = {"step": float(step), **losses}
-    run.curve.append(row)
-    return row
-
-
-@torch.no_grad()
-def _look(run: _Run, judge: Judge, held_out: Sequence[Sample], step: int) -> float:
-    """Loss of the averaged weights on the room held out, each scene with equal weight."""
-    where = next(run.averaged.parameters()).device
-    batches = (_moved(drawing.whole(sample), where) for sample in held_out)
-    losses = [judge(run.averaged, batch).item() for batch in batches]
-    loss = sum(losses) / len(losses)
-    _check_number(_HELD_OUT, loss, step)
-    if loss < run.lowest:
-        run.lowest = loss
-        run.best = copy.deepcopy(run.averaged.state_dict())
-    return loss
+    run.curve.append({"step": float(step), **losses})
 
 
 def _check_number(name: str, value: float, step: int) -> None:
@@ -172,9 +140,7 @@ def _save(run: _Run, learner: Learner, *, folder: Path, kind: str, identity: str
     content = learner.state() | {
         "identity": identity,
         "averaged": run.averaged.state_dict(),
-        "best": run.best,
         "step": run.step,
-        "lowest": run.lowest,
         "curve": run.curve,
     }
     checkpoint.save(folder / CHECKPOINT, kind, content)
@@ -189,14 +155,11 @@ def _resume(run: _Run, learner: Learner, content: dict[str, Any], identity: str)
     checkpoint.restore(run.averaged, content["averaged"])
     for optimizer, state in zip(learner.optimizers, content["optimizers"], strict=True):
         optimizer.load_state_dict(state)
-    for name in ("best", "step", "lowest", "curve"):
+    for name in ("step", "curve"):
         setattr(run, name, content[name])
 
 
 def _csv(curve: Sequence[dict[str, float]]) -> str:
-    """The losses as text; the room held out has a value only where it was looked at."""
-    names = [*curve[0], _HELD_OUT] if _HELD_OUT not in curve[0] else list(curve[0])
-    lines = [",".join(names)]
-    for row in curve:
-        lines.append(",".join(f"{row[name]:.9g}" if name in row else "" for name in names))
+    lines = [",".join(curve[0])]
+    lines += [",".join(f"{value:.9g}" for value in row.values()) for row in curve]
     return "\n".join(lines) + "\n"

@@ -115,18 +115,6 @@ def digest(samples: Sequence[Sample]) -> int:
     return value
 
 
-def split(samples: Sequence[Sample], seed: int) -> tuple[list[Sample], list[Sample]]:
-    """Hold one room out, drawn by the seed."""
-    rooms = sorted({sample.room for sample in samples})
-    out = rooms[generator(seed, 0, "training", "room").integers(len(rooms))]
-    return [s for s in samples if s.room != out], [s for s in samples if s.room == out]
-
-
-def whole(sample: Sample) -> Batch:
-    """A batch of one whole image."""
-    return _batch([(sample.seen, sample.target, sample.counted)])
-
-
 def draw(
     samples: Sequence[Sample],
     *,

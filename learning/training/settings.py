@@ -18,13 +18,10 @@ class Settings:
     weight_decay: float = 1e-2
     averaging: float = 0.99  # Share that the running average of weights keeps a step.
     save_every: int = 50  # Steps between checkpoints.
-    validate_every: int = 50  # Steps between looks at the room held out.
-    rooms_to_hold_out: int = 4  # From so many rooms on, one says which weights (not for GANs).
     hidden: float = 0.75  # Share of crops in which physics, where it is seen, is hidden.
 
     def __post_init__(self) -> None:
-        whole = ("steps", "batch", "save_every", "validate_every", "rooms_to_hold_out")
-        for name in whole:
+        for name in ("steps", "batch", "save_every"):
             errors.in_interval(name, getattr(self, name), 1, 10_000_000)
         for side in self.crop_px:
             errors.in_interval("crop_px", side, 1, 16384, "Give height and width [px].")

@@ -126,14 +126,6 @@ def test_images_smaller_than_a_crop_are_taken_whole() -> None:
     assert batch.counted.all()
 
 
-def test_a_whole_room_is_held_out() -> None:
-    samples = [_sample(number, (4, 4), room=f"room{number // 3}") for number in range(12)]
-    learnt_from, held_out = drawing.split(samples, seed=1)
-    assert len(held_out) == 3
-    assert len(learnt_from) == 9
-    assert not {sample.room for sample in learnt_from} & {sample.room for sample in held_out}
-
-
 def test_the_digest_changes_with_a_pixel_and_a_name() -> None:
     changed = _sample(0)
     changed.target[3, 4] += 1

@@ -30,7 +30,7 @@ pytestmark = pytest.mark.long  # Trainings.
 
 LEARNT_FROM = [step_scene(number) for number in range(24)]
 UNSEEN = [step_scene(number) for number in range(100, 116)]
-QUICK = Settings(steps=60, batch=4, rate=5e-3, averaging=0.9, rooms_to_hold_out=100)
+QUICK = Settings(steps=60, batch=4, rate=5e-3, averaging=0.9)
 
 
 def _area(predictor: Predictor) -> float:

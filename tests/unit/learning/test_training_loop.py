@@ -1,4 +1,4 @@
-"""The loop all networks are trained in: restarts, a room held out, refusals, the loss curve."""
+"""The loop all networks are trained in: restarts, refusals, the loss curve."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ from learning.methods.hybrid import Hybrid
 from learning.methods.network import Network
 from learning.methods.pix2pix import Pix2Pix
 from learning.training import loop
-from learning.training.learner import HoleLearner, initialised, one_cycle
+from learning.training.learner import one_cycle
 from learning.training.settings import Settings
-from learning.unet import UNet
 from patterns.errors import InputError
 from tests.unit.learning.step_scenes import step_scene
 
@@ -146,62 +145,6 @@ def test_writes_the_loss_curve(tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     assert [int(row["step"]) for row in rows] == list(range(9))
     assert all(float(row["log_loss"]) > 0 for row in rows)
-    looked_at = [int(row["step"]) for row in rows if row["held_out"]]
-    assert looked_at == [2, 5, 8]
-
-
-def test_holds_no_room_out_of_few(tmp_path: Path) -> None:
-    Network(settings=SHORT).fit(SCENES[:3], folder=tmp_path, seed=0)
-    with (tmp_path / loop.CURVE).open() as file:
-        assert not any(row["held_out"] for row in csv.DictReader(file))
-
-
-def test_gives_the_weights_that_the_held_out_room_liked_best(
-    tmp_path: Path,
-) -> None:
-    """A judge that prefers the weights after six steps to all later ones."""
-    settings = dataclasses.replace(SHORT, steps=14, averaging=0.0)
-    losses = iter([2.0, 1.0, 3.0, 4.0, 5.0])
-    seen: list[torch.Tensor] = []
-
-    def judge(networks: torch.nn.ModuleDict, _batch: object) -> torch.Tensor:
-        network = networks["holes"]
-        assert isinstance(network, UNet)
-        seen.append(network.head.weight.clone())
-        return torch.tensor(next(losses))
-
-    learner = HoleLearner(initialised(lambda: UNet(2), 0), settings)
-    samples = [_random_sample(number) for number in range(4)]
-    best = loop.train(
-        learner, samples, settings, kind="test", folder=tmp_path, seed=0, judge=judge
-    )["holes"]
-    assert len(seen) == 5  # After 3, 6, 9, 12 and, the last, 14 steps.
-    assert isinstance(best, UNet)
-    assert torch.equal(best.head.weight, seen[1])
-    again = loop.train(
-        HoleLearner(initialised(lambda: UNet(2), 0), settings),
-        samples,
-        settings,
-        kind="test",
-        folder=tmp_path,
-        seed=0,
-        judge=judge,
-        tell=_Kill(after=0),
-    )["holes"]
-    assert isinstance(again, UNet)
-    assert torch.equal(again.head.weight, seen[1])
-
-
-def _random_sample(number: int) -> loop.Sample:
-    rng = np.random.default_rng(number)
-    return loop.Sample(
-        scene=str(number),
-        room=str(number),
-        seen=rng.normal(size=(2, 32, 32)).astype(np.float32),
-        odd=(),
-        target=(rng.random((32, 32)) < 0.5).astype(np.float32),
-        counted=np.ones((32, 32), bool),
-    )
 
 
 def test_the_rate_rises_and_falls() -> None:

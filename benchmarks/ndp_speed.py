@@ -1,0 +1,79 @@
+"""How long a network takes for one 640x480 image, and a hybrid beside the physics it builds on.
+
+    python benchmarks/ndp_speed.py [--repeats 30]
+
+Weights are unlearnt: they cost as much as learnt ones. Medians.
+"""
+
+import argparse
+import statistics
+import time
+from functools import partial
+
+import torch
+
+from learning import inference, simulated
+from learning.captured import DRAWS
+from learning.example import Example
+from learning.methods.hybrid import Hybrid, HybridPredictor
+from learning.methods.network import Network
+from learning.training.channels import channels
+from learning.training.learner import device, placed
+from sim import asked_sensor, capture_writer, scenes
+from sim import simulate as simulating
+from sim.stage import Stage
+
+SIZE = ("width=640", "height=480", "fx_px=380", "fy_px=380", "cx_px=319.5", "cy_px=239.5")
+
+
+def main() -> None:
+    """Print a row for each part."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=30)
+    asked = parser.parse_args()
+    sensor = asked_sensor.load("d435", edits=SIZE)
+    stage = Stage(scenes.load("clutter", sensor))
+    shot = simulating.simulate(stage, sensor, seed=0)
+    once_s, physics_s = (
+        _median(partial(simulated.physics, stage, sensor, draws=draws), 5) for draws in (1, DRAWS)
+    )
+    example = Example(
+        scene="clutter",
+        room="clutter",
+        info=capture_writer.info_of(sensor, source="", licence="", notes=""),
+        depth_m=shot.layers.truth.depth_m,
+        physics=simulated.physics(stage, sensor, draws=DRAWS),
+    )
+    network = placed(Network().unlearnt()).eval()
+    hybrid = placed(Hybrid().unlearnt()).eval()
+    seen = channels(example, with_reflectance=False, with_physics=False)
+    predictor = HybridPredictor(hybrid, False, example.info.shape)
+    rows = {
+        "what a network sees": lambda: channels(
+            example, with_reflectance=False, with_physics=False
+        ),
+        "network": lambda: inference.apply(network, seen),
+        "hybrid, all but the physics": lambda: predictor.probability(example),
+    }
+    print(f"{torch.get_num_threads()} threads, {device()}")
+    print(f"{'physics, 1 draw':32}{1e3 * once_s:9.1f} ms")
+    print(f"{f'physics, {DRAWS} draws':32}{1e3 * physics_s:9.1f} ms")
+    for name, work in rows.items():
+        print(f"{name:32}{1e3 * _median(work, asked.repeats):9.1f} ms")
+    whole_s = physics_s + _median(rows["hybrid, all but the physics"], asked.repeats)
+    print(f"{'hybrid against physics':32}{whole_s / physics_s:9.2f}")
+    print(f"{'hybrid against one frame':32}{whole_s / once_s:9.2f}")
+
+
+def _median(work, repeats):
+    work()
+    taken = []
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        work()
+        taken.append(time.perf_counter() - begun)
+    return statistics.median(taken)
+
+
+if __name__ == "__main__":
+    main()
