@@ -1,35 +1,28 @@
-"""How often should physics be hidden from a hybrid that learns? Asked of rooms held out within.
+"""How often should physics be hidden from a hybrid that learns?
 
 A hybrid learns with physics hidden from a share of its crops (`learning/training/samples.py`). For
-each room named, all other rooms are learnt from, and the log loss in that room is printed after
-every so many steps. Name few rooms: those named are no longer fit to be judged.
+each room named, a hybrid learns from all others by each share, and is judged there. Name few rooms:
+what is chosen by them is no longer judged fairly in them.
 
     STARLING_CAPTURES=... python benchmarks/ndp_hidden.py OUT --sensor TEMPLATE --rooms 0742 e
 """
 
 import argparse
-import csv
 import dataclasses
-import itertools
 import os
 from pathlib import Path
 
-import numpy as np
-
 from learning import captured
 from learning.captured import Simulation
+from learning.figures.classification import classification
+from learning.figures.judged import judge, pool
 from learning.methods.hybrid import Hybrid
-from learning.training import loop
-from learning.training import samples as drawing
-from learning.training.samples import Sample
 from learning.training.settings import Settings
 from sim import asked_sensor, capture, progress
 
-SHOWN = (100, 200, 300, 400, 500, 600)  # Steps.
-
 
 def main() -> None:
-    """Print the held-out room's loss by share and step."""
+    """Print a row for each room and share."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("--sensor", required=True, help="as `starling evaluate` takes it")
@@ -39,7 +32,7 @@ def main() -> None:
     asked = parser.parse_args()
     path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
     opened = capture.open_set(path)
-    print(f"{'room':>6}{'hidden':>8}" + "".join(f"{step:>9}" for step in SHOWN))
+    print(f"{'room':>6}{'hidden':>8}{'log loss':>10}{'Brier skill':>13}{'AUC':>8}")
     with progress.on_stderr() as tell:
         for room in asked.rooms:
             sensor = asked_sensor.load(asked.sensor.replace("{room}", room), captures=str(path))
@@ -47,25 +40,24 @@ def main() -> None:
                 opened, simulation=Simulation(sensor=sensor, cache=asked.cache)
             )
             for share in asked.shares:
-                folder = asked.out / f"{room}-{share:g}"
-                how = Hybrid(settings=dataclasses.replace(Settings(), hidden=share))
-                how.fit(examples, folder=folder, seed=_holding_out(room, examples), tell=tell)
-                with (folder / loop.CURVE).open() as file:
-                    losses = {int(row["step"]) + 1: row["held_out"] for row in csv.DictReader(file)}
-                cells = "".join(f"{float(losses[step]):9.4f}" for step in SHOWN)
-                print(f"{room:>6}{share:8g}{cells}", flush=True)
-
-
-def _holding_out(room, examples):
-    """A seed that holds this room out."""
-    none = np.empty(0)
-    samples = [
-        Sample(scene=one.scene, room=one.room, seen=none, odd=(), target=none, counted=none)
-        for one in examples
-    ]
-    for seed in itertools.count():
-        if drawing.split(samples, seed)[1][0].room == room:
-            return seed
+                predictor = Hybrid(settings=dataclasses.replace(Settings(), hidden=share)).fit(
+                    [one for one in examples if one.room != room],
+                    folder=asked.out / f"{room}-{share:g}",
+                    seed=0,
+                    tell=tell,
+                )
+                found = classification(
+                    pool(
+                        judge(predictor.probability(one), one.ndp, one.counted)
+                        for one in examples
+                        if one.room == room
+                    )
+                )
+                print(
+                    f"{room:>6}{share:8g}{found.log_loss:10.4f}{found.brier_skill:13.3f}"
+                    f"{found.auc:8.3f}",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

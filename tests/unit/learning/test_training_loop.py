@@ -26,7 +26,7 @@ from tests.unit.learning.step_scenes import step_scene
 pytestmark = pytest.mark.long  # Trainings.
 
 SCENES = [step_scene(number) for number in range(6)]
-SHORT = Settings(steps=9, batch=2, crop_px=(32, 32), save_every=2, validate_every=3, rate=5e-3)
+SHORT = Settings(steps=9, batch=2, crop_px=(32, 32), save_every=2, rate=5e-3)
 METHODS = [
     Network(settings=SHORT),
     Hybrid(settings=SHORT, with_reflectance=True),
