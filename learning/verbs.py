@@ -106,8 +106,7 @@ def evaluate(
         captures: capture set with reference depth (truth.png) and the device's own (depth.png).
         out: folder for figures, pictures, and what was learnt and told in each fold.
         methods: learn anew for each room, from the others.
-        models: folders of `starling train`, or hybrid-virtual, network-virtual, which come with the
-            program; asked as they are, whatever they have learnt from.
+        models: folders of `starling train`, asked as they are, whatever they have learnt from.
         sensor: preset or sensor file, for the methods that build on physics; {room} in its name
             stands for the room held out, so that the sensor can be calibrated without it.
         rooms: to judge; all where none is named.
@@ -171,8 +170,7 @@ def compare(
     Args:
         real: capture set or one scene in it.
         sim: the same scenes, simulated.
-        methods: instead of `sim`: perfect, physics, folders of `starling train`, or hybrid-virtual,
-            network-virtual, which come with the program.
+        methods: instead of `sim`: perfect, physics, or folders of `starling train`.
         sensor: preset or sensor file, for the methods that build on physics.
         out: NAME.png of the methods' depth images beside the device's.
         seed: of the holes that are drawn.
