@@ -34,7 +34,8 @@ LIBRARY_ROOMS = {
 }
 # The files that make pictures, and which pictures.
 PICTURE_MAKERS: dict[str, str] = {
-    "sim/sheet.py": "every picture: a sheet of panels",
+    "sim/canvas.py": "every picture: an empty figure, and its file",
+    "sim/sheet.py": "sheets of panels",
     "sim/panels.py": "the panels",
     "sim/sweep_picture.py": "the curves of a sweep",
     "learning/evaluation_pictures.py": "the curves of an evaluation",
