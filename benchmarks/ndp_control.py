@@ -8,40 +8,34 @@ what hybrids gain would be more weights and inputs, not physics.
     STARLING_CAPTURES=... python benchmarks/ndp_control.py OUT --sensor TEMPLATE
 """
 
-import argparse
 import dataclasses
-import os
 from collections import Counter
 from pathlib import Path
 
+import ndp_faro
+
 from learning import captured, evaluation, registry
-from learning.captured import Simulation
 from learning.evaluation import Told
-from sim import asked_sensor, capture, progress
+from sim import capture, progress
 
 FIGURES = ("auc", "tpr_at_fpr10", "tpr_at_fpr4", "brier_skill", "ece")
 
 
 def main() -> None:
     """Learn from wrong pairs, room by room, and print the mean over rooms."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = ndp_faro.parser(__doc__)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--sensor", required=True, help="as `starling evaluate` takes it")
-    parser.add_argument("--cache", type=Path, help="likewise")
-    parser.add_argument("--steps", type=int, help="likewise")
-    parser.add_argument("--rooms", nargs="*", help="likewise")
+    parser.add_argument("--steps", type=int, help="as `starling evaluate` takes it")
+    parser.add_argument("--rooms", nargs="*", help="as `starling evaluate` takes it")
     asked = parser.parse_args()
-    path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
+    path = ndp_faro.captures()
     opened = capture.open_set(path)
     rooms = tuple(dict.fromkeys(scene.room for scene in opened.scenes))
     told: dict[str, list[Told]] = {}
     with progress.on_stderr() as tell:
         for held in tell(asked.rooms or rooms, "rooms"):
-            name = asked.sensor.replace("{room}", held)
-            sensor = asked_sensor.load(name, captures=str(path))
-            examples = captured.examples(
-                opened, simulation=Simulation(sensor=sensor, cache=asked.cache)
-            )
+            simulation = ndp_faro.simulation(asked, held, path)
+            examples = captured.examples(opened, simulation=simulation)
             for control, method, wrong in CONTROLS:
                 paired = wrong(examples)
                 predictor = registry.method(method, steps=asked.steps).fit(

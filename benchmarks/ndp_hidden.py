@@ -7,38 +7,33 @@ what is chosen by them is no longer judged fairly in them.
     STARLING_CAPTURES=... python benchmarks/ndp_hidden.py OUT --sensor TEMPLATE --rooms 0742 e
 """
 
-import argparse
 import dataclasses
-import os
 from pathlib import Path
 
+import ndp_faro
+
 from learning import captured
-from learning.captured import Simulation
 from learning.figures.classification import classification
 from learning.figures.judged import judge, pool
 from learning.methods.hybrid import Hybrid
 from learning.training.settings import Settings
-from sim import asked_sensor, capture, progress
+from sim import capture, progress
 
 
 def main() -> None:
     """Print a row for each room and share."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = ndp_faro.parser(__doc__)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--sensor", required=True, help="as `starling evaluate` takes it")
-    parser.add_argument("--cache", type=Path, help="likewise")
     parser.add_argument("--rooms", nargs="+", required=True)
     parser.add_argument("--shares", type=float, nargs="*", default=[0.0, 0.5, 0.75, 0.9])
     asked = parser.parse_args()
-    path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
+    path = ndp_faro.captures()
     opened = capture.open_set(path)
     print(f"{'room':>6}{'hidden':>8}{'log loss':>10}{'Brier skill':>13}{'AUC':>8}")
     with progress.on_stderr() as tell:
         for room in asked.rooms:
-            sensor = asked_sensor.load(asked.sensor.replace("{room}", room), captures=str(path))
-            examples = captured.examples(
-                opened, simulation=Simulation(sensor=sensor, cache=asked.cache)
-            )
+            simulation = ndp_faro.simulation(asked, room, path)
+            examples = captured.examples(opened, simulation=simulation)
             for share in asked.shares:
                 predictor = Hybrid(settings=dataclasses.replace(Settings(), hidden=share)).fit(
                     [one for one in examples if one.room != room],

@@ -7,18 +7,16 @@ the device's own. There are no real repeats: flicker is the simulator's, from it
     STARLING_CAPTURES=... python benchmarks/ndp_holes.py EVALUATION --sensor TEMPLATE
 """
 
-import argparse
 import dataclasses
-import os
 from pathlib import Path
 
+import ndp_faro
 import numpy as np
 
 from learning import captured, holes, sampling
-from learning.captured import Simulation
-from learning.evaluate_captures import FOLDS
+from learning.evaluate_captures import FOLDS, read_told
 from learning.learnable import known_holes
-from sim import asked_sensor, capture, png, progress
+from sim import progress
 from sim.simulate_captures import scene_seed
 
 FRAMES = 6  # Of which flicker is counted.
@@ -27,27 +25,21 @@ SIMULATED = "one simulated frame"
 
 def main() -> None:
     """Print a row of figures for each method."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = ndp_faro.parser(__doc__)
     parser.add_argument("evaluation", type=Path)
-    parser.add_argument("--sensor", required=True, help="as `starling evaluate` takes it")
-    parser.add_argument("--cache", type=Path, help="likewise")
     asked = parser.parse_args()
-    path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
     real, drawn, overlap, flicker = [], {}, {}, {}
     with progress.on_stderr() as tell:
-        for scene in tell(capture.open_set(path).scenes, "scenes"):
-            name = asked.sensor.replace("{room}", scene.room)
-            sensor = asked_sensor.load(name, captures=str(path))
-            simulation = Simulation(sensor=sensor, cache=asked.cache)
-            example = captured.example(scene, simulation=simulation)
-            once = dataclasses.replace(simulation, draws=1)
+        path = ndp_faro.captures()
+        for scene, example in ndp_faro.scenes(asked, path, tell):
+            once = dataclasses.replace(ndp_faro.simulation(asked, scene.room, path), draws=1)
             frame = captured.example(scene, simulation=once).physics
             ndp, counted = known_holes(example)
             real.append(holes.measure(ndp, counted))
             sequences = {SIMULATED: (frame.ndp > 0)[None]}
             for folder in sorted((asked.evaluation / FOLDS / scene.room).iterdir()):
-                code = png.read(folder / f"{scene.name}.png", "probability")
-                sequences[folder.name] = _sequence(code / np.float32(65535), scene.name)
+                probability = read_told(folder / f"{scene.name}.png")
+                sequences[folder.name] = _sequence(probability, scene.name)
             for method, frames in sequences.items():
                 drawn.setdefault(method, []).append(holes.measure(frames[0], counted))
                 both, either = frames[0] & ndp & counted, (frames[0] | ndp) & counted

@@ -10,18 +10,15 @@ from the room it is tried in.
     STARLING_CAPTURES=... python benchmarks/ndp_icp.py EVALUATION --sensor TEMPLATE
 """
 
-import argparse
-import os
 from pathlib import Path
 
-import numpy as np
+import ndp_faro
 
-from learning import captured, registry, sampling
-from learning.captured import Simulation
-from learning.evaluate_captures import FOLDS
+from learning import registry, sampling
+from learning.evaluate_captures import FOLDS, read_told
 from learning.icp import comparison, objects, study
 from learning.icp.alignment import Disturbance
-from sim import asked_sensor, capture, png, progress
+from sim import progress
 from sim.simulate_captures import scene_seed
 
 PUBLISHED = {  # Sweeney et al. 2019, Table I [percent].
@@ -36,24 +33,18 @@ DISTURBANCES = ((0.03, 15.0), (0.08, 40.0))  # [m], [deg]
 
 def main() -> None:
     """Print a table for each disturbance."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = ndp_faro.parser(__doc__)
     parser.add_argument("evaluation", type=Path)
-    parser.add_argument("--sensor", required=True, help="as `starling evaluate` takes it")
-    parser.add_argument("--cache", type=Path, help="likewise")
-    parser.add_argument("--captures", type=Path, help="likewise; d415-faro if not given")
+    parser.add_argument("--captures", type=Path, help="d415-faro if not given")
     parser.add_argument("--trials", type=int, default=50)
     parser.add_argument(
         "--most", type=float, nargs=2, action="append", help="disturbance [m] and [deg]"
     )
     asked = parser.parse_args()
-    path = asked.captures or Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
+    path = asked.captures or ndp_faro.captures()
     shown = {}
     with progress.on_stderr() as tell:
-        for scene in tell(capture.open_set(path).scenes, "depth images"):
-            name = asked.sensor.replace("{room}", scene.room)
-            sensor = asked_sensor.load(name, captures=str(path))
-            simulation = Simulation(sensor=sensor, cache=asked.cache)
-            example = captured.example(scene, simulation=simulation)
+        for scene, example in ndp_faro.scenes(asked, path, tell):
             pieces = objects.in_room(
                 example.depth_m, example.info, scene=scene.name, room=scene.room
             )
@@ -84,10 +75,8 @@ def _depths(scene, example, folder):
     found = {study.REAL: scene.frame(scene.frames[0]).depth_m}
     error_px = example.simulated_error_px
     for method in sorted(path.name for path in folder.iterdir()):
-        probability = png.read(folder / method / f"{scene.name}.png", "probability") / 65535
-        ndp = sampling.ndp(
-            probability.astype(np.float32), sampling.TYPICAL, seed=scene_seed(0, scene.name)
-        )
+        probability = read_told(folder / method / f"{scene.name}.png")
+        ndp = sampling.ndp(probability, sampling.TYPICAL, seed=scene_seed(0, scene.name))
         for name, error in ((method, None), (f"{method}, with noise", error_px)):
             if error is None or method in registry.ON_PHYSICS:
                 found[name] = sampling.depth_image(

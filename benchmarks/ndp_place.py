@@ -3,33 +3,22 @@
 STARLING_CAPTURES=... python benchmarks/ndp_place.py --sensor TEMPLATE
 """
 
-import argparse
-import os
-from pathlib import Path
+import ndp_faro
 
-from learning import captured, evaluation
-from learning.captured import Simulation
+from learning import evaluation
 from learning.evaluation import Told
 from learning.physics_probability import physics_probability
-from sim import asked_sensor, capture, progress
+from sim import progress
 
 SIGMAS_PX = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)
 
 
 def main() -> None:
     """Print means over rooms for each smoothing."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sensor", required=True, help="as `starling evaluate` takes it")
-    parser.add_argument("--cache", type=Path, help="likewise")
-    asked = parser.parse_args()
-    path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
+    asked = ndp_faro.parser(__doc__).parse_args()
     told = {sigma_px: [] for sigma_px in SIGMAS_PX}
     with progress.on_stderr() as tell:
-        for scene in tell(capture.open_set(path).scenes, "scenes"):
-            name = asked.sensor.replace("{room}", scene.room)
-            sensor = asked_sensor.load(name, captures=str(path))
-            simulation = Simulation(sensor=sensor, cache=asked.cache)
-            example = captured.example(scene, simulation=simulation)
+        for _, example in ndp_faro.scenes(asked, ndp_faro.captures(), tell):
             for sigma_px, of_it in told.items():
                 probability = physics_probability(example.physics, place_px=sigma_px)
                 of_it.append(Told(example=example, probability=probability))

@@ -22,7 +22,7 @@ from learning import (
 )
 from learning.captured import Simulation
 from learning.evaluation import Told
-from learning.example import Example
+from learning.example import Example, Image
 from learning.method import Method, Predictor
 from learning.train_captures import PHYSICS, trained
 from patterns.errors import refuse
@@ -168,8 +168,16 @@ def _told(fold: _Fold, folder: Path, predictor: Callable[[], Predictor]) -> list
         for path, example in zip(paths, fold.judged, strict=True):
             code = np.round(made.probability(example) * _CODES).astype(np.uint16)
             output.write_file(path, png.encode(code), force=True)
-    codes = [png.read(path, "probability").astype(np.float32) for path in paths]
     return [
-        Told(example=example, probability=code / np.float32(_CODES))
-        for code, example in zip(codes, fold.judged, strict=True)
+        Told(example=example, probability=read_told(path))
+        for path, example in zip(paths, fold.judged, strict=True)
     ]
+
+
+def read_told(path: Path) -> Image:
+    """Read a probability (h, w) that an evaluation has kept in one of its folds.
+
+    Raises:
+        InputError: if it is missing or no such image.
+    """
+    return png.read(path, "probability").astype(np.float32) / np.float32(_CODES)
