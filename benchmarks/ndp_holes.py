@@ -7,13 +7,12 @@ the device's own. There are no real repeats: flicker is the simulator's, from it
     STARLING_CAPTURES=... python benchmarks/ndp_holes.py EVALUATION --sensor TEMPLATE
 """
 
-import dataclasses
 from pathlib import Path
 
 import ndp_faro
 import numpy as np
 
-from learning import captured, holes, sampling
+from learning import holes, registry, sampling
 from learning.evaluate_captures import FOLDS, read_told
 from learning.learnable import known_holes
 from sim import progress
@@ -32,14 +31,16 @@ def main() -> None:
     with progress.on_stderr() as tell:
         path = ndp_faro.captures()
         for scene, example in ndp_faro.scenes(asked, path, tell):
-            once = dataclasses.replace(ndp_faro.simulation(asked, scene.room, path), draws=1)
-            frame = captured.example(scene, simulation=once).physics
             ndp, counted = known_holes(example)
             real.append(holes.measure(ndp, counted))
-            sequences = {SIMULATED: (frame.ndp > 0)[None]}
+            sequences = {SIMULATED: example.physics.one_draw_ndp[None]}
             for folder in sorted((asked.evaluation / FOLDS / scene.room).iterdir()):
                 probability = read_told(folder / f"{scene.name}.png")
-                sequences[folder.name] = _sequence(probability, scene.name)
+                physics = example.physics if folder.name in registry.ON_PHYSICS else None
+                sequences[folder.name] = _sequence(probability, scene.name, physics)
+                if physics is not None:
+                    alone = _sequence(probability, scene.name, None)
+                    sequences[f"{folder.name}, by noise alone"] = alone
             for method, frames in sequences.items():
                 drawn.setdefault(method, []).append(holes.measure(frames[0], counted))
                 both, either = frames[0] & ndp & counted, (frames[0] | ndp) & counted
@@ -53,10 +54,11 @@ def main() -> None:
     _table(holes.pool(real), drawn, overlap, flicker)
 
 
-def _sequence(probability, scene):
+def _sequence(probability, scene, physics):
+    how, seed = sampling.TYPICAL, scene_seed(0, scene)
     return np.stack(
         [
-            sampling.ndp(probability, sampling.TYPICAL, seed=scene_seed(0, scene), frame=frame)
+            sampling.ndp(probability, how, seed=seed, frame=frame, physics=physics)
             for frame in range(FRAMES)
         ]
     )
@@ -72,8 +74,8 @@ def _of_draws(physics, counted):
 def _table(real, drawn, overlap, flicker):
     sizes = ("area_px", "perimeter_px", "run_px", "area_of_pixel_px")
     heads = "".join(f"{name.removesuffix('_px') + ' KS, log':>24}" for name in sizes)
-    print(f"{'':24}{'rate %':>8}{'IoU':>7}{heads}{'flicker %':>11}")
-    print(f"{'device':24}{100 * real.share:8.2f}")
+    print(f"{'':32}{'rate %':>8}{'IoU':>7}{heads}{'flicker %':>11}")
+    print(f"{'device':32}{100 * real.share:8.2f}")
     for method, measured in drawn.items():
         pooled = holes.pool(measured)
         cells = ""
@@ -81,7 +83,7 @@ def _table(real, drawn, overlap, flicker):
             far = holes.distance(getattr(pooled, name), getattr(real, name))
             cells += f"{far.kolmogorov_smirnov:15.3f}{far.wasserstein_log:9.3f}"
         print(
-            f"{method:24}{100 * pooled.share:8.2f}{np.mean(overlap[method]):7.3f}{cells}"
+            f"{method:32}{100 * pooled.share:8.2f}{np.mean(overlap[method]):7.3f}{cells}"
             f"{100 * np.mean(flicker[method]):11.3f}"
         )
 

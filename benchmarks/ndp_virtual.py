@@ -54,7 +54,7 @@ def main() -> None:
                     force=True,
                     tell=tell,
                 )
-                mean = found["methods"][method]["mean"]
+                mean = found["methods"][method]
                 print(
                     f"{count:8} {method:22}{mean['auc']:8.4f}{mean['tpr_at_fpr10']:10.3f}"
                     f"{mean['brier_skill']:13.4f}{mean['ece']:8.4f}",

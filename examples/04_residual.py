@@ -35,8 +35,7 @@ def main(scenes: int = 3, steps: int = 30) -> None:
             simulations=lambda _held_out: Simulation(sensor=believed, draws=4),
         )
     print(f"{'':10}{'AUC':>8}{'TPR at FPR 10 %':>18}{'Brier skill':>14}{'ECE':>8}")
-    for method, figures in found["methods"].items():
-        mean = figures["mean"]
+    for method, mean in found["methods"].items():
         print(
             f"{method:10}{mean['auc']:8.3f}{mean['tpr_at_fpr10']:18.3f}"
             f"{mean['brier_skill']:14.3f}{mean['ece']:8.3f}"

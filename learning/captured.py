@@ -25,7 +25,7 @@ SMOOTHING_PX = 12.0  # Of the infrared image that is reflectance: no dot is left
 LEFT_BAND = 100 / 1280  # Share of the columns that have no match in the right image, or few.
 DRAWS = 8  # Of noise and speckle.
 _EVEN = 0.5  # Reflectance where none may be known.
-_MADE = 2  # How physics is made; raised when the same sensor and scene would give another.
+_MADE = 3  # How physics is made; raised when the same sensor and scene would give another.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)

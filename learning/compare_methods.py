@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from learning import captured, holes, registry, sampling
+from learning import captured, drawn_frame, holes, registry
 from learning.captured import Simulation
-from learning.example import Example, Image, Mask
+from learning.drawn_frame import DrawnFrame
+from learning.example import Image
 from learning.figures.classification import classification
 from learning.figures.judged import Judged, judge, pool
 from learning.holes import Holes
@@ -23,20 +24,10 @@ from patterns.errors import refuse
 from sim import panels, progress, sheet
 from sim.capture import CaptureSet
 from sim.sheet import Panel
-from sim.simulate_captures import scene_seed
 
 _PANEL_IN = 4.2
 _SHOWN = 4  # Scenes in the picture: the first ones.
 _UNTRAINED = ("perfect", "physics")
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Drawn:
-    """A scene with the holes that one method draws."""
-
-    probability: Image  # (h, w)
-    ndp: Mask  # (h, w)
-    depth_m: Image  # (h, w) the reference with these holes and the simulator's errors.
 
 
 def predictors(methods: Sequence[str]) -> dict[str, Predictor]:
@@ -95,9 +86,12 @@ def compare_methods(
         example = captured.example(scene, simulation=simulation)
         ndp, counted = known_holes(example)
         real.append(holes.measure(ndp, counted))
-        drawn = {name: _drawn(one, example, seed) for name, one in methods.items()}
-        for name, one in drawn.items():
-            judged[name].append(judge(one.probability, ndp, counted))
+        drawn: dict[str, DrawnFrame] = {}
+        for name, method in methods.items():
+            probability = method.probability(example)
+            one = drawn_frame.draw(name, probability, example, seed=seed)
+            drawn[name] = one
+            judged[name].append(judge(probability, ndp, counted))
             drawn_holes[name].append(holes.measure(one.ndp, counted))
             both, either = ndp & one.ndp & counted, (ndp | one.ndp) & counted
             overlap[name].append((int(both.sum()), int(either.sum())))
@@ -114,15 +108,6 @@ def compare_methods(
     return {"real": {"ndp_rate": found.share}, "methods": figures}, picture
 
 
-def _drawn(method: Predictor, example: Example, seed: int) -> Drawn:
-    probability = method.probability(example)
-    ndp = sampling.ndp(probability, sampling.TYPICAL, seed=scene_seed(seed, example.scene))
-    depth_m = sampling.depth_image(
-        example.depth_m, ndp, example.info, error_px=example.simulated_error_px
-    )
-    return Drawn(probability=probability, ndp=ndp, depth_m=depth_m)
-
-
 def _figures(
     judged: Judged, drawn: Holes, real: Holes, overlap: Sequence[tuple[int, int]]
 ) -> dict[str, float]:
@@ -137,7 +122,7 @@ def _figures(
     }
 
 
-def _row(name: str, device_m: Image, drawn: Mapping[str, Drawn]) -> list[Panel]:
+def _row(name: str, device_m: Image, drawn: Mapping[str, DrawnFrame]) -> list[Panel]:
     depths = {f"{name}: device": device_m} | {key: one.depth_m for key, one in drawn.items()}
     limits = panels.depth_limits(*depths.values())
     return [

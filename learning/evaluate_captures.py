@@ -23,9 +23,11 @@ from learning import (
 from learning.captured import Simulation
 from learning.evaluation import Told
 from learning.example import Example, Image
+from learning.icp import case_study
 from learning.method import Method, Predictor
 from learning.train_captures import PHYSICS, trained
 from patterns.errors import refuse
+from patterns.whole import whole
 from sim import capture, output, png, progress
 from sim.capture import CaptureSet
 
@@ -37,14 +39,23 @@ Simulations = Callable[[str], Simulation]  # Of the room held out: its sensor ma
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Plan:
-    """What is evaluated, and how."""
+    """What is evaluated, and how.
+
+    Raises:
+        InputError: if `icp` is 1 or negative: a variance needs two.
+    """
 
     methods: tuple[str, ...]  # Trained anew for each room, on others.
     models: tuple[Path, ...] = ()  # Folders of `starling train`, asked as they are.
     held: tuple[str, ...] | None = None  # Rooms to judge; None judges all.
     learn_from: int | None = None  # Rooms to learn from; None learns from all others.
     steps: int | None = None  # Of a network's training.
+    icp: int = 0  # First guesses an object of the case study (`learning.icp`); 0 leaves it out.
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.icp:
+            whole("icp", self.icp, 2, 10**6, "Give a number of trials, or 0.")
 
 
 def evaluate_captures(
@@ -69,7 +80,8 @@ def evaluate_captures(
         tell: wraps loops that take long.
 
     Returns:
-        Figures of every method (see `learning.evaluation_report.figures`), "out", "seconds".
+        Figures of every method (see `learning.evaluation_report.figures`), "icp" (see
+        `learning.icp.case_study.figures`; empty where it was not asked for), "out", "seconds".
 
     Raises:
         InputError: whatever is wrong with captures, methods or the folder.
@@ -87,6 +99,8 @@ def evaluate_captures(
         held: folds.learnt_from(rooms, held, plan.learn_from) if plan.methods else ()
         for held in held_out
     }
+    if plan.icp:
+        case_study.check_objects(scene for scene in opened.scenes if scene.room in held_out)
     on_physics = [name for name in names if name in registry.ON_PHYSICS]
     if on_physics and simulations is None:
         raise refuse("sensor", f"must be given for {on_physics[0]}", "none", "Give --sensor.")
@@ -113,6 +127,10 @@ def evaluate_captures(
             told[name] += _told(fold, folder, learnt)
     scores = {name: evaluation.scores(of_it) for name, of_it in told.items()}
     figures = evaluation_report.figures(scores, seed=plan.seed)
+    figures["icp"] = {}
+    if plan.icp:
+        outcomes = case_study.case_study(opened, told, trials=plan.icp, seed=plan.seed, tell=tell)
+        figures["icp"] = case_study.figures(outcomes)
     output.write_file(out / "curves.png", evaluation_pictures.curves(scores), force=True)
     output.write_file(out / "scenes.png", evaluation_pictures.scenes(told), force=True)
     work_folder.end(out, "evaluate", arguments, figures)

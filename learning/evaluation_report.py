@@ -20,22 +20,26 @@ def figures(methods: Mapping[str, Scores], *, seed: int) -> dict[str, Any]:
         seed: of the bootstrap.
 
     Returns:
-        `{"methods": {NAME: {"mean", "worst", "mean_off_edges", "rooms", "kinds"}}, "differences":
-        {NAME: {EARLIER NAME: {FIGURE: {"mean", "low", "high", "rooms", "above"}}}}}`; differences
-        are left out where there is one room.
+        `{"methods": {NAME: {FIGURE, ..., "worst", "off_edges", "kinds"}}, "rooms": {ROOM: {NAME:
+        {FIGURE, ...}}}, "differences": {NAME: {EARLIER NAME: {FIGURE: {"mean", "low", "high",
+        "rooms", "above"}}}}}`: means over rooms, then each room's worst and the mean off depth
+        edges; differences are left out where there is one room.
     """
     found: dict[str, Any] = {
         "methods": {
             name: {
-                "mean": dataclasses.asdict(scores.mean),
+                **dataclasses.asdict(scores.mean),
                 "worst": dataclasses.asdict(scores.worst),
-                "mean_off_edges": _mean(scores.rooms_off_edges),
-                "rooms": {room: dataclasses.asdict(one) for room, one in scores.rooms.items()},
+                "off_edges": _mean(scores.rooms_off_edges),
                 "kinds": {kind: dataclasses.asdict(one) for kind, one in scores.kinds.items()},
             }
             for name, scores in methods.items()
-        }
+        },
+        "rooms": {},
     }
+    for name, scores in methods.items():
+        for room, one in scores.rooms.items():
+            found["rooms"].setdefault(room, {})[name] = dataclasses.asdict(one)
     if all(len(scores.rooms) > 1 for scores in methods.values()):
         between = evaluation.differences(methods, seed=seed)
         found["differences"] = {

@@ -25,6 +25,7 @@ class Physics:
     one_draw_px: (
         Image  # Disparity of the first draw that has one, with all its noise; NaN likewise.
     )
+    one_draw_ndp: Mask  # Pixels without depth of the first draw: a frame as it comes.
     reason: NDArray[np.uint32]  # The most frequent reason (`sim.reason`) of no depth; 0 for depth.
 
 

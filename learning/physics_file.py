@@ -11,7 +11,7 @@ import numpy as np
 from learning import model_file
 from learning.example import Physics
 
-_VERSION = 2
+_VERSION = 3
 
 
 def write(folder: Path, key: str, physics: Physics) -> None:

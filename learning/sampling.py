@@ -2,7 +2,8 @@
 
 As C. Sweeney, G. Izatt and R. Tedrake, A Supervised Approach to Predicting Noise in Depth Images,
 ICRA 2019, section III-C: pixels above a threshold have no depth in any frame; below it they are
-drawn by correlated noise.
+drawn by correlated noise. Where the scene is simulated, a simulated frame's own holes are kept,
+dropped and added to instead: their shapes are a matcher's, which no noise has.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 from scipy import special, stats
 
 from learning import perlin
-from learning.example import Image, Mask
+from learning.example import Image, Mask, Physics
 from learning.perlin import Perlin
+from learning.physics_probability import physics_probability
 from patterns import errors
 from sim.capture_info import CaptureInfo
 
@@ -48,7 +50,14 @@ class Sampling:
 TYPICAL = Sampling(noise=Perlin(correlation_px=9.0, correlation_frames=3.0))
 
 
-def ndp(probability: Image, sampling: Sampling, *, seed: int, frame: float = 0.0) -> Mask:
+def ndp(
+    probability: Image,
+    sampling: Sampling,
+    *,
+    seed: int,
+    frame: float = 0.0,
+    physics: Physics | None = None,
+) -> Mask:
     """Draw the no-depth pixels (NDP) of one frame.
 
     Args:
@@ -56,12 +65,15 @@ def ndp(probability: Image, sampling: Sampling, *, seed: int, frame: float = 0.0
         sampling: how.
         seed: fixes all frames of a sequence; another seed is an independent sequence.
         frame: when; holes of near frames are alike (`flicker`).
+        physics: of the scene. Where the probability is what physics tells, holes are those of its
+            first draw; where it is less some of them go, where it is more others come.
 
     Returns:
         (h, w) True where there is no depth.
 
     Raises:
-        InputError: if the probability is no image, or not in [0, 1] throughout.
+        InputError: if the probability is no image, not in [0, 1] throughout, or of another size
+            than the physics.
     """
     if probability.ndim != 2:
         raise errors.refuse(
@@ -74,7 +86,22 @@ def ndp(probability: Image, sampling: Sampling, *, seed: int, frame: float = 0.0
         )
     height, width = probability.shape
     draw = perlin.uniform((height, width), sampling.noise, seed=seed, frame=frame)
+    if physics is not None:
+        draw = _as_drawn(draw, physics)
     return (probability > sampling.threshold) | (draw < probability)
+
+
+def _as_drawn(draw: Image, physics: Physics) -> Image:
+    """Uniform noise whose pixels below what physics tells are its first draw's holes.
+
+    Uniform still, as the share of holes among draws is what physics tells.
+    """
+    if draw.shape != physics.one_draw_ndp.shape:
+        raise errors.refuse(
+            "probability", "must have the size of the physics", draw.shape, "Take one scene's."
+        )
+    told = physics_probability(physics)
+    return np.where(physics.one_draw_ndp, told * draw, told + (1 - told) * draw)
 
 
 def depth_image(

@@ -69,6 +69,7 @@ def _summary(shots: Sequence[Shot], sensor: Sensor) -> Physics:
         contrast=_contrast(infrared),
         disparity_px=np.where(valid.any(axis=0), total / matched, np.nan).astype(np.float32),
         one_draw_px=np.where(valid.any(axis=0), first, np.nan).astype(np.float32),
+        one_draw_ndp=~valid[0],
         reason=_most_frequent(np.stack([shot.depth.reason for shot in shots])),
     )
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from learning import captured, registry, work_folder
+from learning import captured, registry, shipped, work_folder
 from learning.captured import Simulation
 from learning.method import Predictor
 from patterns.errors import refuse
@@ -88,12 +88,16 @@ def train_captures(
     return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}
 
 
-def trained(folder: Path) -> tuple[str, Predictor]:
+def trained(model: Path) -> tuple[str, Predictor]:
     """Read what `train_captures` left: the method's name and what it has learnt.
 
+    Args:
+        model: its folder, or the name of a model that comes with the program.
+
     Raises:
-        InputError: if it is no such folder, or damaged.
+        InputError: if it is neither, or damaged.
     """
+    folder = shipped.folder(model)
     try:
         content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
         name = content["arguments"]["method"]
@@ -101,7 +105,7 @@ def trained(folder: Path) -> tuple[str, Predictor]:
         raise refuse(
             "model",
             "must be a folder that `starling train` has finished",
-            folder,
-            "Train it, or name the right one.",
+            model,
+            f"Train it, name the right one, or one of {', '.join(shipped.NAMES)}.",
         ) from error
     return name, registry.method(name).load(folder)

@@ -90,6 +90,7 @@ def evaluate(
     rooms: tuple[str, ...] | None = None,
     learn_from: int | None = None,
     steps: int | None = None,
+    icp: int = 0,
     draws: Draws = 8,
     even: Even = False,
     cache: Cache = None,
@@ -106,12 +107,15 @@ def evaluate(
         captures: capture set with reference depth (truth.png) and the device's own (depth.png).
         out: folder for figures, pictures, and what was learnt and told in each fold.
         methods: learn anew for each room, from the others.
-        models: folders of `starling train`, asked as they are, whatever they have learnt from.
+        models: folders of `starling train`, or hybrid-virtual, network-virtual, which come with the
+            program; asked as they are, whatever they have learnt from.
         sensor: preset or sensor file, for the methods that build on physics; {room} in its name
             stands for the room held out, so that the sensor can be calibrated without it.
         rooms: to judge; all where none is named.
         learn_from: number of rooms to learn from, the next ones in order; all others if not given.
         steps: of a network's training; its own number where none is given.
+        icp: align objects by ICP in the device's depth and in each method's, so many first guesses
+            an object, 2 or more; 0 leaves it out.
         seed: fixes everything that is drawn.
         force: drop what starling left in the folder.
     """
@@ -131,6 +135,7 @@ def evaluate(
         held=rooms,
         learn_from=learn_from,
         steps=steps,
+        icp=icp,
         seed=seed,
     )
     with progress.on_stderr() as tell:
@@ -170,7 +175,8 @@ def compare(
     Args:
         real: capture set or one scene in it.
         sim: the same scenes, simulated.
-        methods: instead of `sim`: perfect, physics, or folders of `starling train`.
+        methods: instead of `sim`: perfect, physics, folders of `starling train`, or hybrid-virtual,
+            network-virtual, which come with the program.
         sensor: preset or sensor file, for the methods that build on physics.
         out: NAME.png of the methods' depth images beside the device's.
         seed: of the holes that are drawn.

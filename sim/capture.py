@@ -78,6 +78,14 @@ class CapturedScene:
         """
         return self._depth(self.path, "truth")
 
+    def label(self) -> GreyImage | None:
+        """Read the number of the object that each pixel shows (h, w); None where nobody says so.
+
+        Raises:
+            InputError: as `frame`.
+        """
+        return self._image(self.path, "label")
+
     def known(self) -> SceneFile | None:
         """Read which geometry it is, and from where it is seen; None where nobody says so.
 

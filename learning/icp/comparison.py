@@ -26,7 +26,7 @@ class Four(NamedTuple):
 class Comparison:
     """A method against real depth."""
 
-    difference: Four  # |method - real| / real [percent].
+    difference: Four  # |method - real| / real [percent]; NaN where no object is seen in both.
     trials: int  # Alignments that each figure stands on, in either depth.
     objects: int  # Objects seen in both.
     hidden: int  # Objects that the method hides and real depth shows.
@@ -46,11 +46,13 @@ def against_real(method: Outcome, real: Outcome) -> Comparison:
     """Compare a method's mean and variance of errors with those in real depth, as in Table I.
 
     Raises:
-        InputError: if the two have other objects, or none is seen in both.
+        InputError: if the two have other objects.
     """
     both = _seen(method, real)
     every = np.ones((1, np.count_nonzero(both)))
-    values = _difference(_figures(method, both, every), _figures(real, both, every))[0]
+    values = np.full(4, np.nan)
+    if both.any():
+        values = _difference(_figures(method, both, every), _figures(real, both, every))[0]
     return Comparison(
         difference=Four(*values.tolist()),
         trials=real.position_m[both].size,
@@ -101,10 +103,7 @@ def _seen(method: Outcome, real: Outcome) -> NDArray[np.bool_]:
             f"{len(method.objects)} and {len(real.objects)}",
             "Take both outcomes from one study.",
         )
-    both = method.visible & real.visible
-    if not both.any():
-        raise errors.refuse("objects seen in both", "must be one or more", 0, "Take more objects.")
-    return both
+    return method.visible & real.visible
 
 
 def _figures(

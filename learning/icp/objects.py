@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -62,38 +61,26 @@ def by_label(
     label: NDArray[np.integer],
     info: CaptureInfo,
     *,
-    objects: Iterable[int],
     scene: str,
     room: str,
 ) -> list[Piece]:
-    """Objects of a labelled scene, whatever their size and shape (`Piece.observable`).
+    """Objects of a labelled scene that are as large, and as sure of their pose, as `in_room`.
 
     Args:
         depth_m: (h, w) reference depth z [m], NaN where unknown.
-        label: (h, w) number of the object that each pixel shows.
+        label: (h, w) number of the object that each pixel shows; 0 shows none.
         info: intrinsics and baseline.
-        objects: the numbers wanted.
         scene: for the pieces' names.
         room: likewise.
 
     Raises:
-        InputError: if the label is of another shape than the depth, or an object has no pixel with
-            known surface.
+        InputError: if the label is of another shape than the depth.
     """
     if label.shape != depth_m.shape:
         raise errors.refuse(
             "label", f"must be of shape {depth_m.shape}", label.shape, "Take both from one view."
         )
-    shown = cloud.surface(depth_m, info)
-    found = []
-    for number in objects:
-        piece = _piece(shown, label == number, str(number), scene, room)
-        if piece is None:
-            raise errors.refuse(
-                "objects", "must be seen in the reference depth", number, "Leave it out."
-            )
-        found.append(piece)
-    return found
+    return _of_size(cloud.surface(depth_m, info), label, scene, room)
 
 
 def in_room(depth_m: Image, info: CaptureInfo, *, scene: str, room: str) -> list[Piece]:
@@ -111,8 +98,12 @@ def in_room(depth_m: Image, info: CaptureInfo, *, scene: str, room: str) -> list
     shown = cloud.surface(depth_m, info)
     label = segments.convex_pieces(shown, info.disparity_px(depth_m), fewest_px=FEWEST_PX)
     label[:, :LEFT_BAND_PX] = 0
+    return _of_size(shown, label, scene, room)
+
+
+def _of_size(shown: Surface, label: NDArray[np.integer], scene: str, room: str) -> list[Piece]:
     found = []
-    for number in range(1, int(label.max(initial=0)) + 1):
+    for number in np.unique(label[label > 0]).tolist():
         pixels = label == number
         if np.count_nonzero(pixels) < FEWEST_PX:
             continue

@@ -108,14 +108,16 @@ def align(
     names = tuple(f"{piece.scene}/{piece.name}" for piece in pieces)
     outcomes = {}
     for name, image in depth_m.items():
-        shown = cloud.surface(image, info)
         errors_of = np.full((2, len(pieces), trials), np.nan)
+        seen = [alignment.visible_share(piece, image) >= LEAST_VISIBLE for piece in pieces]
+        shown = cloud.surface(image, info) if any(seen) else None
         for number, (piece, at) in enumerate(
             zip(tell(pieces, f"align in {name}"), posed, strict=True)
         ):
+            if shown is None or not seen[number]:
+                continue
             scene = shown.cloud(at.pixels)
-            share = alignment.visible_share(piece, image)
-            if share < LEAST_VISIBLE or len(scene) < FEWEST_POINTS:
+            if len(scene) < FEWEST_POINTS:
                 continue
             for trial, motion in enumerate(at.motions):
                 found = alignment.register(at.model.moved(motion), scene)

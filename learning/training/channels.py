@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -137,7 +138,7 @@ def given_physics(example: Example) -> Physics:
     if example.physics is None:
         rule = "must be given to a method that builds on it"
         raise errors.refuse("physics", rule, f"none for {example.scene}", "Simulate the scene.")
-    for name in ("ndp", "infrared", "contrast", "disparity_px", "one_draw_px", "reason"):
+    for name in (field.name for field in dataclasses.fields(Physics) if field.name != "draws"):
         image = getattr(example.physics, name)
         check_size(example.info, f"physics {name}", image)
         missing = int(np.count_nonzero(~np.isfinite(image)))

@@ -65,6 +65,7 @@ def physics(ndp: np.ndarray, rng: np.random.Generator) -> Physics:
         contrast=_image(rng, 0.2),
         disparity_px=np.where(share == 1, np.nan, 3.0).astype(np.float32),
         one_draw_px=np.where(share == 1, np.nan, 3.0).astype(np.float32),
+        one_draw_ndp=rng.random(share.shape) < share,
         reason=reason,
     )
 

@@ -17,10 +17,12 @@ from learning import captured, evaluation_pictures, registry, simulated, work_fo
 from learning.captured import Simulation
 from learning.evaluate_captures import FOLDS, Plan, evaluate_captures
 from learning.example import Example, Image
+from learning.icp import case_study
+from learning.icp.study import Outcome
 from learning.train_captures import PHYSICS, train_captures
 from patterns.errors import InputError
 from sim import png
-from sim.capture import open_set
+from sim.capture import CaptureSet, open_set
 from sim.output import RECORD
 from tests.unit.learning import capture_sets
 from tests.unit.learning.step_scenes import step_scene
@@ -94,10 +96,10 @@ def test_an_evaluation_leaves_figures_pictures_and_what_was_told(captures, tmp_p
     plan = Plan(methods=("perfect", "simple"), held=("hall", "attic"))
     found = evaluate_captures(captures, out, plan, asked={"draws": 8})
     assert list(found["methods"]) == ["perfect", "simple"]
-    assert list(found["methods"]["simple"]["rooms"]) == ["attic", "hall"]
-    assert found["methods"]["perfect"]["mean"]["auc"] == 0.5
+    assert list(found["rooms"]) == ["attic", "hall"]
+    assert found["methods"]["perfect"]["auc"] == 0.5
     gain = found["differences"]["simple"]["perfect"]["auc"]["mean"]
-    assert gain == pytest.approx(found["methods"]["simple"]["mean"]["auc"] - 0.5)
+    assert gain == pytest.approx(found["methods"]["simple"]["auc"] - 0.5)
     files = {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
     told = {
         f"{FOLDS}/{room}/{name}/{room}-view.png"
@@ -149,9 +151,8 @@ def test_models_are_asked_as_they_are(captures, tmp_path):
     assert not list((tmp_path / "models").rglob("*.npz"))
     plan = Plan(methods=("simple",), learn_from=1, held=("study",))  # The next is attic.
     anew = evaluate_captures(captures, tmp_path / "anew", plan)
-    room = anew["methods"]["simple"]["rooms"]["study"]
-    assert asked["methods"]["simple"]["rooms"]["study"] == room
-    assert list(asked["methods"]["simple"]["rooms"]) == list(ROOMS)
+    assert asked["rooms"]["study"] == anew["rooms"]["study"]
+    assert list(asked["rooms"]) == list(ROOMS)
 
 
 @pytest.mark.usefixtures("no_pictures")
@@ -281,6 +282,36 @@ def test_models_are_asked_of_rooms_that_there_are(captures, tmp_path):
     plan = Plan(methods=(), models=(tmp_path / "model",), held=("loo",))
     with pytest.raises(InputError, match="room must be a known name; got 'loo'"):
         evaluate_captures(captures, tmp_path / "out", plan)
+
+
+def test_a_case_study_needs_trials_and_objects(captures, tmp_path):
+    with pytest.raises(InputError, match=r"icp must be an integer in \[2, 1000000\]; got 1\. Give"):
+        Plan(methods=("simple",), icp=1)
+    with pytest.raises(InputError, match="objects must tell their pose by their shape; got none"):
+        evaluate_captures(captures, tmp_path / "out", Plan(methods=("simple",), icp=2))
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_a_case_study_is_one_figure_more(captures, tmp_path, monkeypatch):
+    def study(opened: CaptureSet, told: dict, *, trials: int, **_: Any) -> dict[str, Outcome]:
+        assert str(opened.path) == captures and trials == 7
+        assert [len(views) for views in told.values()] == [len(ROOMS)] * 2
+        errors = np.arange(4.0).reshape(2, 2)
+        return {
+            name: Outcome(objects=("s/1", "s/2"), position_m=errors + n, rotation=errors / 10)
+            for n, name in enumerate(("real", *told))
+        }
+
+    monkeypatch.setattr(case_study, "check_objects", lambda _: None)
+    monkeypatch.setattr(case_study, "case_study", study)
+    plan = Plan(methods=("perfect", "simple"), icp=7)
+    found = evaluate_captures(captures, tmp_path / "out", plan)
+    assert list(found["icp"]) == ["perfect", "simple"]
+    assert found["icp"]["simple"]["position_mean_pct"] == pytest.approx(100 * 2 / 1.5)
+    assert found["icp"]["simple"]["rotation_var_pct"] == 0
+    without = evaluate_captures(captures, tmp_path / "plain", dataclasses.replace(plan, icp=0))
+    assert without["icp"] == {}
 
 
 def test_a_single_room_cannot_be_held_out(tmp_path):

@@ -139,19 +139,15 @@ def test_too_small_and_too_far_left_are_no_objects():
 
 def test_labelled_objects_are_taken_as_they_are():
     label = np.where(box_depth() < 5, 4, np.where(ball_depth() < 5, 7, 0)).astype(np.uint8)
-    box, ball = objects.by_label(depth(), label, INFO, objects=(4, 7), scene="s", room="r")
-    assert (box.name, ball.name) == ("4", "7")
-    assert box.observable
-    assert not ball.observable
-    assert (ball.pixels == (label == 7)).all()
+    (box,) = objects.by_label(depth(), label, INFO, scene="s", room="r")  # A ball has no pose.
+    assert box.name == "4"
+    assert (box.pixels == (label == 4)).all()
 
 
 def test_labels_that_do_not_fit_are_refused():
     label = np.zeros(INFO.shape, np.uint8)
-    with pytest.raises(InputError, match="objects must be seen in the reference depth; got 4"):
-        objects.by_label(depth(), label, INFO, objects=(4,), scene="s", room="r")
     with pytest.raises(InputError, match=r"label must be of shape \(360, 480\); got \(3, 3\)"):
-        objects.by_label(depth(), label[:3, :3], INFO, objects=(4,), scene="s", room="r")
+        objects.by_label(depth(), label[:3, :3], INFO, scene="s", room="r")
 
 
 def test_a_scanned_room_holds_objects(captures):

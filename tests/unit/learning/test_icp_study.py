@@ -52,8 +52,11 @@ def test_hidden_objects_are_counted_and_left_out(pieces):
     found = align(pieces, real=depth(), hides=hidden)
     assert not found["hides"].visible.any()
     assert np.isnan(found["hides"].rotation).all()
-    with pytest.raises(InputError, match="objects seen in both must be one or more; got 0"):
-        comparison.against_real(found["hides"], found["real"])
+    compared = comparison.against_real(found["hides"], found["real"])
+    assert np.isnan(compared.difference).all()
+    assert (compared.objects, compared.hidden, compared.trials) == (0, 1, 0)
+    nothing = align(pieces, real=depth(), blind=np.full_like(depth(), np.nan))
+    assert not nothing["blind"].visible.any()
     both = study.pool([found, align(pieces, seed=1, real=depth(), hides=depth())])
     compared = comparison.against_real(both["hides"], both["real"])
     assert (compared.objects, compared.hidden, compared.shown, compared.trials) == (1, 1, 0, 2)

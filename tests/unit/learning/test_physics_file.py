@@ -59,10 +59,10 @@ def test_damaged_or_older_files_are_refused_in_one_line(tmp_path):
         physics_file.read(tmp_path, "scene")
     arrays = {name: np.asarray(getattr(made(), name)) for name in NAMES}
     model_file.write(tmp_path, "scene", 99, arrays)
-    with pytest.raises(InputError, match="must be scene of version 2; got scene of version 99"):
+    with pytest.raises(InputError, match="must be scene of version 3; got scene of version 99"):
         physics_file.read(tmp_path, "scene")
     del arrays["reason"]
-    model_file.write(tmp_path, "scene", 2, arrays)
+    model_file.write(tmp_path, "scene", 3, arrays)
     with pytest.raises(InputError, match=r"model must be whole; got .* without reason\."):
         physics_file.read(tmp_path, "scene")
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from learning import sampling
+from learning.example import Physics
 from learning.perlin import Perlin
+from learning.physics_probability import physics_probability
 from learning.sampling import Sampling
 from patterns.errors import InputError
 from sim.capture_info import CaptureInfo
+from tests.unit.learning.step_scenes import step_scene
 
 NOISE = Perlin(correlation_px=2.0, correlation_frames=5.0)
 INFO = CaptureInfo(
@@ -79,6 +84,49 @@ def test_what_is_certain_or_above_the_threshold_does_not_flicker():
     assert not sampling.flicker(p, Sampling(noise=NOISE), 0).any()
 
 
+def simulated(number: int) -> Physics:
+    physics = step_scene(number).physics
+    assert physics is not None
+    return physics
+
+
+def test_what_physics_tells_is_drawn_as_its_first_draw():
+    physics = simulated(0)
+    told = physics_probability(physics)
+    everywhere_drawn = Sampling(noise=NOISE, threshold=1.0)
+    for seed in range(3):
+        drawn = sampling.ndp(told, everywhere_drawn, seed=seed, physics=physics)
+        np.testing.assert_array_equal(drawn, physics.one_draw_ndp)
+
+
+@given(seed=st.integers(0, 2**32))
+def test_holes_go_where_less_is_told_than_by_physics_and_come_where_more_is(seed):
+    physics = simulated(1)
+    told = physics_probability(physics)
+    how = Sampling(noise=NOISE, threshold=1.0)
+    fewer = sampling.ndp(told / 2, how, seed=seed, physics=physics)
+    more = sampling.ndp((1 + told) / 2, how, seed=seed, physics=physics)
+    assert not (fewer & ~physics.one_draw_ndp).any()
+    assert not (physics.one_draw_ndp & ~more).any()
+    assert fewer.sum() < physics.one_draw_ndp.sum() < more.sum()
+
+
+@pytest.mark.parametrize("factor", [0.3, 1.0, 2.5])
+def test_a_frame_s_holes_leave_the_expected_share_as_it_is(factor):
+    """Over 200 draws of physics that tell the same 15 % everywhere, whatever the method tells."""
+    rng = np.random.default_rng(5)
+    how = Sampling(noise=NOISE, threshold=1.0)
+    shares = []
+    for seed in range(200):
+        drawn = rng.random((48, 64)) < 0.15
+        physics = dataclasses.replace(
+            simulated(0), ndp=image(0.15, (48, 64)), draws=1000, one_draw_ndp=drawn
+        )
+        probability = image(0.15 * factor, (48, 64))
+        shares.append(sampling.ndp(probability, how, seed=seed, physics=physics).mean())
+    assert np.mean(shares) == pytest.approx(0.15 * factor, rel=0.03)
+
+
 def test_depth_image_has_holes_and_a_simulators_errors():
     reference = np.full(INFO.shape, 2.0, np.float32)  # 10 px.
     reference[0] = np.nan
@@ -103,3 +151,5 @@ def test_what_is_no_probability_is_refused():
         sampling.ndp(np.zeros(3, np.float32), how, seed=0)
     with pytest.raises(InputError, match=r"threshold must be in \[0, 1\]; got 1\.5"):
         Sampling(noise=NOISE, threshold=1.5)
+    with pytest.raises(InputError, match=r"probability must have the size of the physics; got"):
+        sampling.ndp(image(0.5, (4, 4)), how, seed=0, physics=simulated(0))

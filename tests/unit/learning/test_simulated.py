@@ -133,6 +133,7 @@ def test_disparity_is_the_mean_of_the_draws_that_have_one():
     found = summary(shots)
     assert_array_equal(found.disparity_px[0], np.array([7, 9, np.nan], np.float32))
     assert_array_equal(found.one_draw_px[0], np.array([3, 6, np.nan], np.float32))
+    assert found.one_draw_ndp[0].tolist() == [False, True, True]
 
 
 def test_infrared_is_the_mean_level_above_black_over_full_scale():
