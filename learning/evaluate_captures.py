@@ -25,7 +25,7 @@ from learning.evaluation import Told
 from learning.example import Example, Image
 from learning.icp import case_study
 from learning.method import Method, Predictor
-from learning.train_captures import PHYSICS, trained
+from learning.train_captures import PHYSICS, trained, trained_folder, trained_method
 from patterns.errors import refuse
 from patterns.whole import whole
 from sim import capture, output, png, progress
@@ -50,6 +50,7 @@ class Plan:
     held: tuple[str, ...] | None = None  # Rooms to judge; None judges all.
     learn_from: int | None = None  # Rooms to learn from; None learns from all others.
     steps: int | None = None  # Of a network's training.
+    start: tuple[Path, ...] = ()  # Trained models that methods of the same name go on from.
     icp: int = 0  # First guesses an object of the case study (`learning.icp`); 0 leaves it out.
     seed: int = 0
 
@@ -160,7 +161,18 @@ def _methods(names: Sequence[str], plan: Plan) -> dict[str, Method]:
         raise refuse("methods", "must be at least one", "none", "Give --methods or --models.")
     if len(set(names)) < len(names):
         raise refuse("methods", "must be different", ", ".join(names), "Name each once.")
-    return {name: registry.method(name, steps=plan.steps) for name in names}
+    start = {trained_method(model): model for model in plan.start}
+    for name in start:
+        if name not in plan.methods:
+            raise refuse("start", "must be for a method that learns", name, "Name it, or drop it.")
+    return {
+        name: registry.method(
+            name,
+            steps=plan.steps,
+            start=trained_folder(start[name], name) if name in start else None,
+        )
+        for name in names
+    }
 
 
 def _learnt(

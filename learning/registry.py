@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from learning.method import Method
@@ -26,21 +27,31 @@ _TABLE: dict[str, tuple[str, str, dict[str, Any]]] = {
 }
 NAMES = tuple(_TABLE)
 ON_PHYSICS = frozenset({"physics", "physics_recalibrated", "hybrid", "hybrid_reflectance"})
+STARTABLE = frozenset({"network", "network_reflectance", "hybrid", "hybrid_reflectance"})
+_GOING_ON: dict[str, Any] = {"steps": 200, "rate": 1e-3}  # Of a network that has learnt before.
 
 
-def method(name: str, *, steps: int | None = None) -> Method:
+def method(name: str, *, steps: int | None = None, start: Path | None = None) -> Method:
     """Make a method.
 
     Args:
         name: of `NAMES`.
         steps: how long a network is trained; None leaves its own number. Others have no steps.
+        start: folder where `starling train` has left the same method, whose weights training goes
+            on from, with fewer and smaller steps; None begins anew.
 
     Raises:
-        InputError: if there is no such method, or steps is below 1.
+        InputError: if there is no such method, it cannot start from weights, or steps is below 1.
     """
     errors.one_of("method", name, NAMES)
     module, kind, options = _TABLE[name]
     made = getattr(import_module(f"learning.methods.{module}"), kind)(**options)
-    if steps is None or not hasattr(made, "settings"):
+    if start is not None and name not in STARTABLE:
+        known = ", ".join(sorted(STARTABLE))
+        raise errors.refuse("start", f"must be for one of {known}", name, "Leave it out.")
+    changed: dict[str, Any] = {} if start is None else {"start": start, **_GOING_ON}
+    if steps is not None:
+        changed["steps"] = steps
+    if not (changed and hasattr(made, "settings")):
         return made
-    return dataclasses.replace(made, settings=dataclasses.replace(made.settings, steps=steps))
+    return dataclasses.replace(made, settings=dataclasses.replace(made.settings, **changed))

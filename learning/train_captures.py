@@ -26,6 +26,7 @@ def train_captures(
     simulation: Simulation | None = None,
     rooms: Sequence[str] | None = None,
     steps: int | None = None,
+    start: Path | None = None,
     seed: int = 0,
     force: bool = False,
     asked: Mapping[str, Any] | None = None,
@@ -40,6 +41,7 @@ def train_captures(
         simulation: for methods that build on physics; others do without.
         rooms: to learn from; None takes all.
         steps: of a network; None leaves its own number.
+        start: trained model of the same method that training goes on from.
         seed: of everything drawn.
         force: drop what starling left in the folder.
         asked: more arguments for the record.
@@ -52,7 +54,8 @@ def train_captures(
         InputError: whatever is wrong with the captures, the method or the folder.
     """
     begun = time.perf_counter()
-    chosen = registry.method(method, steps=steps)
+    begun_from = None if start is None else trained_folder(start, method)
+    chosen = registry.method(method, steps=steps, start=begun_from)
     if method not in registry.ON_PHYSICS:
         simulation = None
     elif simulation is None:
@@ -67,6 +70,7 @@ def train_captures(
         "captures": captures,
         "rooms": rooms,
         "steps": steps,
+        "start": start,
         "seed": seed,
         "simulated_with": simulation and captured.sensor_digest(simulation.sensor),
         **(asked or {}),
@@ -97,10 +101,19 @@ def trained(model: Path) -> tuple[str, Predictor]:
     Raises:
         InputError: if it is neither, or damaged.
     """
-    folder = shipped.folder(model)
+    name = trained_method(model)
+    return name, registry.method(name).load(shipped.folder(model))
+
+
+def trained_method(model: Path) -> str:
+    """Name of the method that a model was trained by.
+
+    Raises:
+        InputError: if it is no trained model.
+    """
     try:
-        content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        name = content["arguments"]["method"]
+        content = json.loads((shipped.folder(model) / RECORD).read_text(encoding="utf-8"))
+        return content["arguments"]["method"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise refuse(
             "model",
@@ -108,4 +121,15 @@ def trained(model: Path) -> tuple[str, Predictor]:
             model,
             f"Train it, name the right one, or one of {', '.join(shipped.NAMES)}.",
         ) from error
-    return name, registry.method(name).load(folder)
+
+
+def trained_folder(model: Path, method: str) -> Path:
+    """Folder of a model that a method can start from.
+
+    Raises:
+        InputError: if it is no trained model, or of another method.
+    """
+    name = trained_method(model)
+    if name != method:
+        raise refuse("start", f"must be a trained {method}", f"{model}, {name}", "Name another.")
+    return shipped.folder(model)

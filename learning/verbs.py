@@ -30,6 +30,7 @@ def train(
     sensor: str | None = None,
     rooms: tuple[str, ...] | None = None,
     steps: int | None = None,
+    start: Path | None = None,
     draws: Draws = 8,
     even: Even = False,
     cache: Cache = None,
@@ -53,6 +54,8 @@ def train(
         sensor: preset or sensor file, for the methods that build on physics.
         rooms: to learn from; all where none is named.
         steps: of a network's training; its own number where none is given.
+        start: trained network or hybrid to go on from, where scenes are few: its folder, or
+            hybrid-varied, network-varied, which have learnt from simulated cameras.
         seed: fixes everything that is drawn.
         force: drop what starling left in the folder.
     """
@@ -72,6 +75,7 @@ def train(
             simulation=simulation,
             rooms=rooms,
             steps=steps,
+            start=start,
             seed=seed,
             force=force,
             asked={"sensor": sensor, "draws": draws, "even": even, "set": edits},
@@ -90,6 +94,7 @@ def evaluate(
     rooms: tuple[str, ...] | None = None,
     learn_from: int | None = None,
     steps: int | None = None,
+    start: tuple[Path, ...] = (),
     icp: int = 0,
     draws: Draws = 8,
     even: Even = False,
@@ -107,13 +112,14 @@ def evaluate(
         captures: capture set with reference depth (truth.png) and the device's own (depth.png).
         out: folder for figures, pictures, and what was learnt and told in each fold.
         methods: learn anew for each room, from the others.
-        models: folders of `starling train`, or hybrid-virtual, network-virtual, which come with the
+        models: folders of `starling train`, or hybrid-varied, network-varied, which come with the
             program; asked as they are, whatever they have learnt from.
         sensor: preset or sensor file, for the methods that build on physics; {room} in its name
             stands for the room held out, so that the sensor can be calibrated without it.
         rooms: to judge; all where none is named.
         learn_from: number of rooms to learn from, the next ones in order; all others if not given.
         steps: of a network's training; its own number where none is given.
+        start: trained models that methods of the same kind go on from (see `starling train`).
         icp: align objects by ICP in the device's depth and in each method's, so many first guesses
             an object, 2 or more; 0 leaves it out.
         seed: fixes everything that is drawn.
@@ -135,6 +141,7 @@ def evaluate(
         held=rooms,
         learn_from=learn_from,
         steps=steps,
+        start=start,
         icp=icp,
         seed=seed,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-NAMES = ("hybrid-virtual", "network-virtual")
+NAMES = ("hybrid-varied", "network-varied")
 
 
 def folder(model: Path) -> Path:

@@ -46,7 +46,8 @@ def fit_hole_network(
         tell: wraps loops that take long.
 
     Raises:
-        InputError: as `learning.training.samples.collect` and `learning.training.loop.train`.
+        InputError: as `learning.training.samples.collect`, `learning.training.loop.train`, and
+            `learning.training.weights.load` of weights to start from.
     """
     seen = names(with_reflectance=with_reflectance, with_physics=with_physics)
     samples = drawing.collect(
@@ -61,6 +62,9 @@ def fit_hole_network(
         hideable = saying_nothing(share, with_reflectance=with_reflectance)
         samples = [dataclasses.replace(sample, hideable=hideable) for sample in samples]
     network = initialised(partial(build, share), seed)
+    if settings.start is not None:
+        weights.load(settings.start, name, network, seen)
+        network.requires_grad_(True).train()
     learnt = train(
         HoleLearner(network, settings),
         samples,

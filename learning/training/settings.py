@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from patterns import errors
 
@@ -19,6 +20,7 @@ class Settings:
     averaging: float = 0.99  # Share that the running average of weights keeps a step.
     save_every: int = 50  # Steps between checkpoints.
     hidden: float = 0.75  # Share of crops in which physics, where it is seen, is hidden.
+    start: Path | None = None  # Folder with weights to go on from; None begins anew.
 
     def __post_init__(self) -> None:
         for name in ("steps", "batch", "save_every"):

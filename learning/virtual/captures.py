@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from learning import simulated_captures
 from learning.virtual import unit
-from patterns import errors
-from sim import backend, capture_writer, progress, scenes
-from sim.output import OutputFolder
-from sim.scenes import known
-from sim.simulate_captures import scene_seed
+from sim import progress
 
 
 def write(
@@ -41,45 +39,16 @@ def write(
         Share of no-depth pixels by scene.
 
     Raises:
-        InputError: if a scene is unknown or named twice, or the folder cannot be written.
+        InputError: as `learning.simulated_captures.write`.
     """
-    if len(set(names)) < len(names) or not names:
-        found = f"{len(names)}, {len(set(names))} of them different"
-        raise errors.refuse("scenes", "must be at least one, each once", found, "Correct the list.")
-    camera = unit.camera()
-    info = capture_writer.info_of(
-        camera, source="virtual camera", licence="Apache-2.0", notes="simulated"
+    return simulated_captures.write(
+        out,
+        names,
+        unit.camera(),
+        partial(unit.capture, samples=samples),
+        verb="virtual",
+        seed=seed,
+        arguments={"samples": samples},
+        force=force,
+        tell=tell,
     )
-    rates = {}
-    with OutputFolder(out, force=force) as folder:
-        for name in tell(names, "virtual captures"):
-            believed = scenes.load(name, camera)
-            shot = unit.capture(believed, scene_seed(seed, name), samples=samples)
-            place, step_m = name.replace(":", "-"), camera.post.depth_unit_m
-            capture_writer.write_scene(
-                folder,
-                place,
-                room=place,
-                truth_m=shot.layers.truth.depth_m,
-                depth_unit_m=step_m,
-                known=known.describe(name, believed.world_from_left, folder.path / place),
-            )
-            capture_writer.write_frame(
-                folder,
-                place,
-                0,
-                depth=shot.depth,
-                depth_unit_m=step_m,
-                infrared=(shot.ir_left, shot.ir_right),
-            )
-            rates[place] = float(1 - shot.depth.valid.mean())
-        capture_writer.write_set(
-            folder,
-            info,
-            camera,
-            verb="virtual",
-            arguments={"scenes": list(names), "seed": seed, "samples": samples},
-            figures=rates,
-            renderer=backend.renderer(),
-        )
-    return rates

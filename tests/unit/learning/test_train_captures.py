@@ -160,7 +160,7 @@ def test_a_folder_that_holds_no_trained_model_is_refused(tmp_path, record):
         trained(tmp_path)
     assert str(caught.value) == (
         f"model must be a folder that `starling train` has finished; got {tmp_path}. "
-        "Train it, name the right one, or one of hybrid-virtual, network-virtual."
+        "Train it, name the right one, or one of hybrid-varied, network-varied."
     )
 
 
