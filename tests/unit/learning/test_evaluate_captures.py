@@ -75,7 +75,7 @@ def captures(tmp_path: Path) -> str:
 def spy(monkeypatch: pytest.MonkeyPatch) -> Spy:
     """Take the place of every method."""
     one = Spy()
-    monkeypatch.setattr(registry, "method", lambda name, *, steps=None: one)
+    monkeypatch.setattr(registry, "method", lambda name, *, steps=None, start=None: one)
     return one
 
 
@@ -324,3 +324,21 @@ def test_the_captures_are_never_written_to(captures):
     with pytest.raises(InputError, match="out must lie apart from what it is made from"):
         evaluate_captures(captures, Path(captures) / "out", SIMPLE, force=True)
     assert not (Path(captures) / "out").exists()
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_starts_go_to_the_methods_of_their_name(captures, tmp_path, monkeypatch):
+    made = {}
+
+    def method(name: str, *, steps: int | None = None, start: Path | None = None) -> Spy:
+        made[name] = start
+        return Spy()
+
+    train_captures("simple", captures, tmp_path / "model")
+    monkeypatch.setattr(registry, "method", method)
+    plan = Plan(methods=("perfect", "simple"), start=(tmp_path / "model",))
+    evaluate_captures(captures, tmp_path / "out", plan)
+    assert made == {"perfect": None, "simple": tmp_path / "model"}
+    plan = Plan(methods=("perfect",), start=(tmp_path / "model",))
+    with pytest.raises(InputError, match="start must be for a method that learns; got simple"):
+        evaluate_captures(captures, tmp_path / "other", plan)

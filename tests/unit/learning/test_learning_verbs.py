@@ -103,6 +103,7 @@ def test_flags_of_train_reach_the_work(captures, tmp_path, sensors, monkeypatch,
     code, _, _ = _run(
         "train", "hybrid", captures, "--sensor", "d435", "--out", tmp_path / "out",
         "--rooms", "hall", "attic", "--steps", 5, "--draws", 3, "--even", "--seed", 2,
+        "--start", tmp_path / "begun",
         "--set", "imager.gain=2", "--force", "--cache", tmp_path / "kept", capsys=capsys,
     )  # fmt: skip
     assert code == 0
@@ -116,6 +117,7 @@ def test_flags_of_train_reach_the_work(captures, tmp_path, sensors, monkeypatch,
     assert one == {
         "method": "hybrid", "captures": str(captures), "out": tmp_path / "out",
         "rooms": ("hall", "attic"), "steps": 5, "seed": 2, "force": True,
+        "start": tmp_path / "begun",
         "asked": {"sensor": "d435", "draws": 3, "even": True, "set": ("imager.gain=2",)},
     }  # fmt: skip
 

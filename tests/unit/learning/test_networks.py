@@ -175,6 +175,20 @@ def test_refuses_scenes_without_what_was_learnt_from(tmp_path: Path) -> None:
         hybrid.probability(bare)
 
 
+@pytest.mark.parametrize("kind", [Network, Hybrid])
+def test_going_on_from_weights_begins_where_they_ended(kind: Any, tmp_path: Path) -> None:
+    """A rate of next to nothing leaves what was learnt; a new network tells otherwise."""
+    first, last = tmp_path / "first", tmp_path / "last"
+    learnt = kind(settings=QUICK).fit(LEARNT_FROM[:4], folder=first, seed=0)
+    still = dataclasses.replace(QUICK, start=first, steps=1, rate=1e-9)
+    gone_on = kind(settings=still).fit(LEARNT_FROM[4:6], folder=last, seed=1)
+    told = learnt.probability(UNSEEN[0])
+    np.testing.assert_allclose(gone_on.probability(UNSEEN[0]), told, atol=1e-5)
+    anew = kind(settings=dataclasses.replace(still, start=None))
+    other = anew.fit(LEARNT_FROM[4:6], folder=tmp_path / "anew", seed=1)
+    assert np.abs(other.probability(UNSEEN[0]) - told).max() > 0.1
+
+
 def test_refuses_weights_learnt_from_other_channels(tmp_path: Path, monkeypatch: Any) -> None:
     short = dataclasses.replace(QUICK, steps=1)
     Network(settings=short).fit(LEARNT_FROM[:2], folder=tmp_path, seed=0)

@@ -42,6 +42,19 @@ def test_a_network_without_a_step_is_refused(name, steps):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("name", registry.NAMES)
+def test_some_networks_go_on_from_weights(name, tmp_path):
+    if name not in registry.STARTABLE:
+        with pytest.raises(InputError, match=f"start must be for one of hybrid, .*; got {name}"):
+            registry.method(name, start=tmp_path)
+        return
+    plain, going_on = registry.method(name), registry.method(name, start=tmp_path)
+    assert going_on.settings.start == tmp_path  # type: ignore[attr-defined]
+    assert going_on.settings.steps < plain.settings.steps  # type: ignore[attr-defined]
+    asked = registry.method(name, start=tmp_path, steps=5)
+    assert asked.settings.steps == 5  # type: ignore[attr-defined]
+
+
 def test_an_unknown_name_is_refused_and_the_nearest_named_first():
     with pytest.raises(InputError) as caught:
         registry.method("hybird")

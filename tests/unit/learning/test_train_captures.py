@@ -54,7 +54,7 @@ def test_a_method_is_trained_and_read_back(captures, tmp_path):
     assert record["figures"] == {key: found[key] for key in ("method", "scenes", "ndp_rate")}
     assert record["arguments"] == {
         "method": "simple", "captures": captures, "rooms": None, "steps": None, "seed": 0,
-        "simulated_with": None, "sensor": None,
+        "start": None, "simulated_with": None, "sensor": None,
     }  # fmt: skip
     name, predictor = trained(out)
     assert name == "simple"
@@ -178,3 +178,16 @@ def test_a_method_without_files_is_trained_too(captures, tmp_path):
     name, predictor = trained(tmp_path / "out")
     assert name == "perfect"
     assert not np.any(predictor.probability(step_scene(0)))
+
+
+def test_a_model_of_another_method_is_no_start(captures, tmp_path):
+    train_captures("simple", captures, tmp_path / "model")
+    with pytest.raises(InputError) as caught:
+        train_captures("network", captures, tmp_path / "out", start=tmp_path / "model")
+    line = f"start must be a trained network; got {tmp_path / 'model'}, simple. Name another."
+    assert str(caught.value) == line
+    with pytest.raises(InputError, match="model must be a folder that `starling train` has"):
+        train_captures("network", captures, tmp_path / "out", start=tmp_path / "nothing")
+    with pytest.raises(InputError, match=r"start must be for one of .*; got simple"):
+        train_captures("simple", captures, tmp_path / "out", start=tmp_path / "model")
+    assert not (tmp_path / "out").exists()
