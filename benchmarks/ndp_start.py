@@ -1,6 +1,6 @@
 """Make the models that come with the program: hybrid and network, learnt from varied cameras.
 
-A D435 at 640x360 is what all are taken for; each of 120 scenes is seen by a camera that departs
+A D435 at 640x360 is what all are taken for; each of 240 scenes is seen by a camera that departs
 from it in ten effects (`learning/varied_cameras.py`). Captures, physics and models are kept in the
 output folder, and what is there is not made again. Copy `hybrid-varied` and `network-varied`,
 weights and record, to `learning/shipped`.
@@ -17,12 +17,12 @@ from sim import asked_sensor, progress, sensors
 from sim.output import RECORD
 from sim.sensor_edits import with_values
 
-SCENES = [f"tabletop:{n}" if n % 5 == 4 else f"clutter:{n}" for n in range(400, 520)]
+SCENES = [f"tabletop:{n}" if n % 5 == 4 else f"clutter:{n}" for n in range(400, 640)]
 BELIEVED = [
     *(("width", 640), ("height", 360), ("fx_px", 322.0), ("fy_px", 322.0)),
     *(("cx_px", 319.5), ("cy_px", 179.5)),
 ]
-STEPS, SEED = 1200, 3
+STEPS, SEED = 2400, 3
 
 
 def main() -> None:
