@@ -25,7 +25,7 @@ DATA_SHEET = (
 )
 LEARN = [f"tabletop:{n}" if n % 5 == 4 else f"clutter:{n}" for n in range(100)]
 JUDGE = [f"tabletop:{n}" if n % 5 == 4 else f"clutter:{n}" for n in range(200, 230)]
-METHODS = ("physics", "physics_recalibrated", "trees", "network", "hybrid")
+METHODS = ("physics", "physics_recalibrated", "trees", "network", "hybrid", "hybrid_trees")
 STARTED = ("network", "hybrid")  # Also going on from what comes with the program.
 DRAWS = 8
 

@@ -14,6 +14,7 @@ from learning.geometry.filled import filled
 from learning.geometry.planes import fit_planes, incidence_cosine, surface_planes
 from learning.geometry.thickness import gap_width, thickness
 from learning.geometry.visibility import seen_from, signed_distance
+from learning.training import channels
 from patterns import errors
 from sim import sensors
 from sim.capture_info import CaptureInfo
@@ -56,6 +57,7 @@ GEOMETRY: dict[str, str] = {
     "bump_fine_px": "disparity above that plane over 7 px: curvature with its sign",
     "bump_coarse_px": "disparity above that plane over 21 px",
 }
+# And what physics says, as networks see it: `learning.training.channels.physics_images`.
 REFLECTANCE: dict[str, str] = {
     "reflectance": "near-infrared, 0 to 1, as given",
     "reflectance_gradient_per_px": "length of its gradient at sigma 4 px",
@@ -80,25 +82,32 @@ class Features:
         return self.values[..., self.names.index(name)]
 
 
-def names(*, with_reflectance: bool) -> tuple[str, ...]:
+def names(*, with_reflectance: bool, with_physics: bool = False) -> tuple[str, ...]:
     """Names in the order of the values."""
-    return (*GEOMETRY, *REFLECTANCE) if with_reflectance else tuple(GEOMETRY)
+    reflectance = tuple(REFLECTANCE) if with_reflectance else ()
+    physics = (*channels.PHYSICS, *channels.REASONS) if with_physics else ()
+    return (*GEOMETRY, *reflectance, *physics)
 
 
 def features(
-    example: Example, *, with_reflectance: bool = False, projector_x_m: float | None = None
+    example: Example,
+    *,
+    with_reflectance: bool = False,
+    with_physics: bool = False,
+    projector_x_m: float | None = None,
 ) -> Features:
     """Measure every pixel; unknown ones as if they went on from the nearest known.
 
     Args:
         example: only its reference depth, geometry and, where asked for, reflectance count.
         with_reflectance: adds those of `REFLECTANCE`.
+        with_physics: adds what is simulated.
         projector_x_m: where the projector is, right of the left imager [m]; None = where the
             sensor's preset has it, or in the middle of the baseline.
 
     Raises:
         InputError: if nothing is known of the reference, an image is of another size than the
-            geometry says, or reflectance is asked for and there is none.
+            geometry says, or reflectance or physics is asked for and there is none.
     """
     camera, depth_m = Pinhole.of(example.info), example.depth_m
     _of_size(example.info, "depth_m", depth_m)
@@ -115,7 +124,9 @@ def features(
             )
         _of_size(example.info, "reflectance", example.reflectance)
         measured |= _reflectance(example.reflectance, measured["return_per_m2"])
-    order = names(with_reflectance=with_reflectance)
+    if with_physics:
+        measured |= channels.physics_images(example)
+    order = names(with_reflectance=with_reflectance, with_physics=with_physics)
     return Features(order, np.stack([measured[name] for name in order], axis=-1, dtype=np.float32))
 
 

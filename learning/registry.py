@@ -16,6 +16,7 @@ _TABLE: dict[str, tuple[str, str, dict[str, Any]]] = {
     "simple": ("simple", "Simple", {}),
     "trees": ("trees", "Trees", {}),
     "trees_reflectance": ("trees", "Trees", {"with_reflectance": True}),
+    "hybrid_trees": ("trees", "Trees", {"with_physics": True}),
     "physics": ("physics", "Simulated", {}),
     "physics_recalibrated": ("physics", "Simulated", {"recalibrated": True}),
     "network": ("network", "Network", {}),
@@ -26,9 +27,11 @@ _TABLE: dict[str, tuple[str, str, dict[str, Any]]] = {
     "cyclegan": ("cyclegan", "CycleGan", {}),
 }
 NAMES = tuple(_TABLE)
-ON_PHYSICS = frozenset({"physics", "physics_recalibrated", "hybrid", "hybrid_reflectance"})
+ON_PHYSICS = frozenset(
+    {"physics", "physics_recalibrated", "hybrid", "hybrid_reflectance", "hybrid_trees"}
+)
 STARTABLE = frozenset({"network", "network_reflectance", "hybrid", "hybrid_reflectance"})
-_GOING_ON: dict[str, Any] = {"steps": 200, "rate": 1e-3}  # Of a network that has learnt before.
+_GOING_ON: dict[str, Any] = {"steps": 60, "rate": 1e-3}  # Of a network that has learnt before.
 
 
 def method(name: str, *, steps: int | None = None, start: Path | None = None) -> Method:

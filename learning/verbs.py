@@ -41,9 +41,9 @@ def train(
 ) -> None:
     """Learn where a real camera has no depth; goes on where it was cut short.
 
-    Methods: perfect, simple, trees, physics, physics_recalibrated, network, hybrid, pix2pix,
-    cyclegan; trees_reflectance, network_reflectance and hybrid_reflectance see the smoothed
-    infrared image as well.
+    Methods: perfect, simple, trees, physics, physics_recalibrated, network, hybrid, hybrid_trees,
+    pix2pix, cyclegan; trees_reflectance, network_reflectance and hybrid_reflectance see the
+    smoothed infrared image as well.
 
     Example: starling train hybrid captures/d415-faro --sensor my-d415.toml --out models/hybrid
 

@@ -1,4 +1,7 @@
-"""Gradient-boosted trees on a pixel's geometry: the honest cheap rival of networks."""
+"""Gradient-boosted trees on a pixel's geometry: the honest cheap rival of networks.
+
+Given what is simulated too, they are a hybrid that learns from very few scenes.
+"""
 
 from __future__ import annotations
 
@@ -40,6 +43,7 @@ class TreesPredictor:
     forest: Forest
     recalibration: Recalibration
     with_reflectance: bool
+    with_physics: bool
     projector_x_m: float | None
 
     def probability(self, example: Example) -> Image:
@@ -49,7 +53,10 @@ class TreesPredictor:
             InputError: as `learning.features.features`.
         """
         seen = features(
-            example, with_reflectance=self.with_reflectance, projector_x_m=self.projector_x_m
+            example,
+            with_reflectance=self.with_reflectance,
+            with_physics=self.with_physics,
+            projector_x_m=self.projector_x_m,
         )
         logit = self.forest.logit(seen.values.reshape(-1, len(seen.names)))
         told = self.recalibration(expit(logit))
@@ -65,6 +72,7 @@ class Trees:
     """
 
     with_reflectance: bool = False  # Sees the smoothed infrared image as well.
+    with_physics: bool = False  # Sees what is simulated as well.
     projector_x_m: float | None = None  # As `learning.features.features` takes it.
     pixels_per_scene: int = 20_000  # Drawn, at most.
     rounds: int = 400  # Trees, at most; held-out rooms say how many are best.
@@ -86,7 +94,8 @@ class Trees:
     @property
     def name(self) -> str:
         """What it is called, and its file."""
-        return "trees_reflectance" if self.with_reflectance else "trees"
+        name = "hybrid_trees" if self.with_physics else "trees"
+        return f"{name}_reflectance" if self.with_reflectance else name
 
     def fit(
         self,
@@ -117,6 +126,7 @@ class Trees:
             forest=bins.in_units(forest_of(model)),
             recalibration=recalibration,
             with_reflectance=self.with_reflectance,
+            with_physics=self.with_physics,
             projector_x_m=self.projector_x_m,
         )
         model_file.write(folder, self.name, _VERSION, _arrays(learnt))
@@ -133,7 +143,8 @@ class Trees:
         *nodes, start, line, known, place = model_file.take(arrays, (*_NODES, *_OTHERS), folder)
         forest = Forest(*nodes, start=float(start))
         learnt_names = tuple(str(name) for name in known)
-        if learnt_names != names(with_reflectance=self.with_reflectance):
+        seen = names(with_reflectance=self.with_reflectance, with_physics=self.with_physics)
+        if learnt_names != seen:
             raise errors.refuse(
                 "trees",
                 "must be learnt from the features that are measured now",
@@ -146,13 +157,17 @@ class Trees:
             forest=forest,
             recalibration=Recalibration(*map(float, line)),
             with_reflectance=self.with_reflectance,
+            with_physics=self.with_physics,
             projector_x_m=None if np.isnan(place) else float(place),
         )
 
     def _drawn(self, example: Example, seed: int) -> DrawnPixels:
         ndp, counted = known_holes(example)
         seen = features(
-            example, with_reflectance=self.with_reflectance, projector_x_m=self.projector_x_m
+            example,
+            with_reflectance=self.with_reflectance,
+            with_physics=self.with_physics,
+            projector_x_m=self.projector_x_m,
         )
         return draw_pixels(
             seen.values,
@@ -217,6 +232,8 @@ def _arrays(learnt: TreesPredictor) -> dict[str, NDArray]:
         **{name: getattr(learnt.forest, name) for name in _NODES},
         "start": np.array(learnt.forest.start),
         "recalibration": np.array([line.slope, line.offset]),
-        "names": np.array(names(with_reflectance=learnt.with_reflectance)),
+        "names": np.array(
+            names(with_reflectance=learnt.with_reflectance, with_physics=learnt.with_physics)
+        ),
         "projector_x_m": np.array(np.nan if place is None else place),
     }

@@ -70,7 +70,7 @@ def channels(example: Example, *, with_reflectance: bool, with_physics: bool) ->
     if with_reflectance:
         seen |= {"reflectance": np.sqrt(_reflectance(example))}
     if with_physics:
-        seen |= _physics(given_physics(example), seen["disparity"] * np.float32(32))
+        seen |= physics_images(example)
     order = names(with_reflectance=with_reflectance, with_physics=with_physics)
     return np.stack([seen[name] for name in order], dtype=np.float32)
 
@@ -148,9 +148,19 @@ def given_physics(example: Example) -> Physics:
     return example.physics
 
 
-def _physics(physics: Physics, reference_px: Image) -> dict[str, Image]:
+def physics_images(example: Example) -> dict[str, Image]:
     """What physics says, smoothed: sharp, its edges' places would be learnt by heart, which differ
-    from scene to scene by the reference's registration."""
+    from scene to scene by the reference's registration.
+
+    Returns:
+        (h, w) each, by the names of `PHYSICS` and `REASONS`.
+
+    Raises:
+        InputError: as `given_physics`, or if nothing is known of the reference.
+    """
+    physics = given_physics(example)
+    reference_px = example.info.disparity_px(example.depth_m)
+    reference_px = filled(reference_px, np.isfinite(reference_px))
     told = physics_probability(physics)
     matched = np.isfinite(physics.disparity_px)
     error = np.where(matched, physics.disparity_px - reference_px, 0)
