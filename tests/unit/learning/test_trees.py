@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -11,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from learning import model_file
 from learning.bins import equal_count_bins
 from learning.drawn_pixels import draw_pixels, join
+from learning.example import Physics
 from learning.features import GEOMETRY, features
 from learning.figures.classification import classification
 from learning.figures.judged import judge, pool
@@ -18,6 +20,7 @@ from learning.forest import forest_of
 from learning.geometry.visibility import seen_from
 from learning.methods.trees import Trees
 from patterns.errors import InputError
+from sim.reason import Reason
 
 from .seen import HEIGHT, WIDTH, box, example, flat
 
@@ -87,6 +90,39 @@ def test_what_is_read_back_answers_alike(tmp_path):
     with pytest.raises(InputError, match="reflectance must be given"):
         again.probability(TRAIN[0])
     assert settings.name == "trees_reflectance"
+
+
+def simulated(scene, seed: int):
+    """A simulator that knows, four times out of five, of holes that geometry knows nothing of."""
+    rng = np.random.default_rng(seed)
+    ndp = cv2.dilate((rng.random(COUNTED.shape) < 0.005).astype(np.uint8), np.ones((9, 9))) > 0
+    right = np.where(rng.random(ndp.shape) < 0.8, ndp, rng.random(ndp.shape) < ndp.mean())
+    zeros = np.zeros(ndp.shape, np.float32)
+    physics = Physics(
+        ndp=right.astype(np.float32),
+        draws=4,
+        infrared=zeros,
+        contrast=zeros,
+        disparity_px=scene.info.disparity_px(scene.depth_m),
+        one_draw_px=scene.info.disparity_px(scene.depth_m),
+        one_draw_ndp=right,
+        reason=np.where(right, Reason.LOW_SIGNAL, Reason.VALID).astype(np.uint32),
+    )
+    return dataclasses.replace(scene, ndp=ndp, physics=physics)
+
+
+def test_trees_that_see_what_is_simulated_know_more(tmp_path):
+    seen = [simulated(one, seed) for seed, one in enumerate([*TRAIN, *TEST])]
+    hybrid = dataclasses.replace(SMALL, with_physics=True)
+    assert hybrid.name == "hybrid_trees"
+    learnt = hybrid.fit(seen[:8], folder=tmp_path, seed=0)
+    assert classification(judged(learnt, seen[8:])).auc > 0.9
+    alone = SMALL.fit(seen[:8], folder=tmp_path / "alone", seed=0)
+    assert classification(judged(alone, seen[8:])).auc < 0.65
+    again = hybrid.load(tmp_path)
+    assert_array_equal(again.probability(seen[9]), learnt.probability(seen[9]))
+    with pytest.raises(InputError, match="physics must be given to a method that builds on it"):
+        again.probability(TRAIN[0])
 
 
 def test_one_room_is_learnt_from_without_the_others(tmp_path):
