@@ -13,7 +13,7 @@ from diagnosis.signature import Signature, Table
 from sim.effects.effect import Value
 
 FOLDS = 4
-_STEPS = 8  # Places tried between two nodes.
+_STEPS = 32  # Places tried between two nodes.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
