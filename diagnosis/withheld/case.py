@@ -16,6 +16,7 @@ from diagnosis.withheld.errors import WithheldError, refusal
 from diagnosis.withheld.nominal import Nominal
 
 CaseKind = Literal["null", "single", "pair", "unknown"]
+_KINDS: tuple[CaseKind, ...] = get_args(CaseKind)
 _SEED_BITS = 62
 
 
@@ -29,8 +30,8 @@ class Case:
     seed: int
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(CaseKind):
-            raise refusal("kind", f"must be one of {get_args(CaseKind)}", self.kind, "Correct it.")
+        if self.kind not in _KINDS:
+            raise refusal("kind", f"must be one of {_KINDS}", self.kind, "Correct it.")
         if self.number < 0 or self.seed < 0:
             raise refusal(
                 "number and seed", "must be >= 0", (self.number, self.seed), "Correct them."
@@ -76,7 +77,7 @@ def draw(
         row for row in ROWS.values() if row.kind == "outside" and row.name not in skip
     )
     drawn: list[tuple[CaseKind, dict[str, float]]] = []
-    for kind in get_args(CaseKind):
+    for kind in _KINDS:
         count = counts.get(kind, 0)
         if count < 0:
             raise refusal(f"count of {kind}", "must be >= 0", count, "Give how many.")
@@ -88,7 +89,8 @@ def draw(
             chosen = [lot.two(known) for _ in range(count)]
         else:
             chosen = [(row,) for row in lot.round(strange, count)]
-        drawn += [(kind, {row.name: lot.strength(row) for row in rows}) for rows in chosen]
+        for rows in chosen:
+            drawn.append((kind, {row.name: lot.strength(row) for row in rows}))
     order = rng.permutation(len(drawn))
     return tuple(
         Case(number=number, kind=drawn[i][0], settings=drawn[i][1], seed=lot.seed())

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from diagnosis.withheld.catalogue import Strengths
 
@@ -47,7 +48,7 @@ def median(disparity_px: Map, side: int) -> Map:
     values = np.sort(_around(disparity_px, side).reshape(*disparity_px.shape, -1), axis=-1)
     count = np.isfinite(values).sum(-1, keepdims=True)  # NaN is sorted to the end.
     low = np.take_along_axis(values, np.maximum(count - 1, 0) // 2, -1)
-    high = np.take_along_axis(values, count // 2 - (count == values.shape[-1] * 2), -1)
+    high = np.take_along_axis(values, count // 2, -1)
     middle = (0.5 * (low + high))[..., 0]
     return np.where(np.isfinite(disparity_px), middle, np.nan)
 
@@ -106,7 +107,7 @@ def without_islands(disparity_px: Map, count: int, step_px: float) -> Map:
         ends.append(number[other][joined])
     begin, end = np.concatenate(begins), np.concatenate(ends)
     graph = sparse.coo_array((np.ones(len(begin), bool), (begin, end)), shape=(number.size,) * 2)
-    island = sparse.csgraph.connected_components(graph, directed=False)[1]
+    island = connected_components(graph, directed=False)[1]
     size = np.bincount(island)[island].reshape(disparity_px.shape)
     return np.where(size > count, disparity_px, np.nan)
 

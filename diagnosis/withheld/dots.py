@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from diagnosis.withheld import psf, spread
 from diagnosis.withheld.light import SIDES, Light, View
@@ -36,7 +36,7 @@ class Dots:
         out = np.full(view.px.shape, -1, np.intp)
         if len(self.tangents):
             directions = np.stack([view.px[seen], view.py[seen]], 1)
-            out[seen] = cKDTree(self.tangents).query(directions)[1]
+            out[seen] = KDTree(self.tangents).query(directions)[1]
         return out
 
 
@@ -64,7 +64,7 @@ def gather(lights: Iterable[Light], focal_px: float) -> Dots:
         for side in SIDES:
             found = _find(light.view(side))
             if len(tangents) and len(found):
-                away = cKDTree(tangents).query(found)[0]
+                away = KDTree(tangents).query(found)[0]
                 found = found[away > _APART_PX / focal_px]
             tangents = np.concatenate([tangents, found])
     return Dots(tangents=tangents)

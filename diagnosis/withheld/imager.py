@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from diagnosis.withheld import fixed_pattern
 from diagnosis.withheld.catalogue import Strengths
@@ -56,7 +56,8 @@ def share_charge(light_e: Image, share: float) -> Image:
     if share == 0.0:
         return light_e
     line = np.array([0.25 * share, 1.0 - 0.5 * share, 0.25 * share])
-    return cv2.sepFilter2D(light_e, cv2.CV_64F, line, line, borderType=cv2.BORDER_REPLICATE)
+    down = ndimage.convolve1d(light_e, line, 0, mode="nearest")
+    return ndimage.convolve1d(down, line, 1, mode="nearest")
 
 
 def count(light_e: Image, share: float, rng: np.random.Generator) -> Image:
@@ -67,7 +68,7 @@ def count(light_e: Image, share: float, rng: np.random.Generator) -> Image:
     """
     if share == 0.0:
         return light_e
-    return share**2 * rng.poisson(light_e / share**2)
+    return share**2 * rng.poisson(light_e / share**2).astype(np.float64)
 
 
 def bloom(charge_e: Image, share: float, full_well_e: float) -> Image:

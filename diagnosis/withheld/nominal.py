@@ -89,8 +89,8 @@ class Nominal:
 
     def tangents(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """x / z and y / z of the rays through the pixels' centres, (h, w) each."""
-        x = (np.arange(self.width) - self.cx_px) / self.fx_px
-        y = (np.arange(self.height) - self.cy_px) / self.fy_px
+        x = (np.arange(self.width, dtype=np.float64) - self.cx_px) / self.fx_px
+        y = (np.arange(self.height, dtype=np.float64) - self.cy_px) / self.fy_px
         across, down = np.meshgrid(x, y)
         return across, down
 

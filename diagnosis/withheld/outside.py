@@ -176,7 +176,7 @@ def compress(dn: Image, step_dn: float) -> Image:
     padded = np.pad(dn, pad, mode="edge")
     rows, columns = padded.shape[0] // _BLOCK_PX, padded.shape[1] // _BLOCK_PX
     blocks = padded.reshape(rows, _BLOCK_PX, columns, _BLOCK_PX)
-    waves = fft.dctn(blocks, axes=(1, 3), norm="ortho")
+    waves = np.asarray(fft.dctn(blocks, axes=(1, 3), norm="ortho"))
     order = np.arange(_BLOCK_PX)
     steps = step_dn * (1.0 + (order[:, None] + order[None, :]) / (_BLOCK_PX - 1.0))
     steps = steps[None, :, None, :]

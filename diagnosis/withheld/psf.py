@@ -63,7 +63,8 @@ def blur(image: NDArray[np.float64], spot: Kernel) -> NDArray[np.float64]:
     """Convolve an image (h, w) with a spot; beyond the border the image is mirrored."""
     if spot.size == 1:
         return image
-    return cv2.filter2D(image, cv2.CV_64F, spot, borderType=cv2.BORDER_REFLECT_101)
+    blurred = cv2.filter2D(image, cv2.CV_64F, spot, borderType=cv2.BORDER_REFLECT_101)
+    return np.asarray(blurred, np.float64)
 
 
 def _gaussian(width: float, radius: int) -> Kernel:
