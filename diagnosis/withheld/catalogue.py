@@ -221,7 +221,7 @@ _OUTSIDE = (
     Row(name="finger_print", family="outside", kind="outside", unit="1", neutral=0,
         low=0.15, high=0.8, most=1),
     Row(name="block_compression", family="outside", kind="outside", unit="DN", neutral=0,
-        low=4, high=40),
+        low=6, high=20),
 )  # fmt: skip
 
 ROWS = {row.name: row for row in (*_IMAGE, *_MATCHER, *_POST, *_OUTSIDE)}

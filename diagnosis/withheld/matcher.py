@@ -22,6 +22,7 @@ Infrared = NDArray[np.uint8] | NDArray[np.uint16]
 Map = NDArray[np.float64]
 
 _TEXTURE_PX = 15  # Side of the window whose contrast is asked for.
+_DEAREST = 255 - 60  # P1 and P2 together, beside the bits of the largest census.
 _NO_COST = np.iinfo(np.uint16).max
 
 
@@ -44,10 +45,10 @@ class Settings:
     def __post_init__(self) -> None:
         if self.census_window not in (3, 5, 7, 9, 11):
             raise refusal("census_window", "must be odd, 3 to 11", self.census_window, "Change it.")
-        if not 1 <= self.small_penalty <= self.large_penalty <= 120:
+        if not 1 <= self.small_penalty <= self.large_penalty <= _DEAREST - self.small_penalty:
             raise refusal(
                 "penalties",
-                "must be 1 <= small <= large <= 120",
+                f"must be 1 <= small <= large, together at most {_DEAREST}",
                 (self.small_penalty, self.large_penalty),
                 "Change one.",
             )
@@ -152,10 +153,10 @@ def _costs(left: Infrared, right: Infrared, settings: Settings) -> NDArray[np.ui
     strangers = settings.census_window**2 // 4
     costs = np.full((settings.disparities, *left.shape), strangers, np.uint8)
     width = left.shape[1]
-    for number, plane in enumerate(costs):
+    for number in range(settings.disparities):
         d = number + settings.disparity_shift
         if d < width:
-            plane[:, d:] = np.bitwise_count(bits_left[:, d:] ^ bits_right[:, : width - d])
+            costs[number, :, d:] = np.bitwise_count(bits_left[:, d:] ^ bits_right[:, : width - d])
     return costs
 
 
@@ -178,10 +179,9 @@ def _sweep(
 ) -> None:
     """Add the paths that run from row to row, `lean` columns aside at each step.
 
-    Costs of a path are at most 60 bits and 120 of P2, plus P1 of at most 120: they fit in 8 bits
-    but for the last, which saturates where it cannot win.
+    Less their least, costs of a path are at most 60 bits and P2; with P1 on top they fit in 8 bits.
     """
-    small = np.uint8(min(settings.small_penalty, 255 - 60 - settings.large_penalty))
+    small = np.uint8(settings.small_penalty)
     large = np.uint8(settings.large_penalty)
     path = costs[:, 0].copy()
     total[:, 0] += path
