@@ -53,7 +53,7 @@ def read(path: Path, shape: tuple[int, int]) -> Light:
         WithheldError: if the file is missing or damaged, or an array is missing or of another size.
     """
     try:
-        with np.load(path) as arrays:
+        with path.open("rb") as file, np.load(file) as arrays:
             held = {name: arrays[name] for name in arrays.files}
     except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise refusal(FILE, "must be a readable archive of arrays", path, f"{error}.") from error
