@@ -43,13 +43,14 @@ def test_dark_current_has_a_mean_and_its_noise(camera: Nominal) -> None:
 @pytest.mark.parametrize(("name", "value"), [("prnu", 0.05), ("dsnu", 30.0), ("column_noise", 25)])
 def test_fixed_patterns_are_the_devices_own(name: str, value: float, camera: Nominal) -> None:
     """Still over frames, another in the right imager; PRNU grows with the level, offsets do not."""
-    first = _charge(camera, 1000.0, **{name: value})
-    np.testing.assert_array_equal(first, _charge(camera, 1000.0, frame=5, **{name: value}))
-    other = _charge(camera, 1000.0, side="right", **{name: value})
+    setting: dict[str, Any] = {name: value}
+    first = _charge(camera, 1000.0, **setting)
+    np.testing.assert_array_equal(first, _charge(camera, 1000.0, frame=5, **setting))
+    other = _charge(camera, 1000.0, side="right", **setting)
     assert abs(np.corrcoef(first[0], other[0])[0, 1]) < 0.3
     deviation = first.std() / (1000.0 if name == "prnu" else 1.0)
     assert deviation == pytest.approx(value, rel=0.15 if name == "column_noise" else 0.03)
-    brighter = _charge(camera, 4000.0, **{name: value}).std() / first.std()
+    brighter = _charge(camera, 4000.0, **setting).std() / first.std()
     assert brighter == pytest.approx(4.0 if name == "prnu" else 1.0)
 
 
