@@ -26,6 +26,7 @@ DATA_SHEET = (
 LEARN = [f"tabletop:{n}" if n % 5 == 4 else f"clutter:{n}" for n in range(100)]
 JUDGE = [f"tabletop:{n}" if n % 5 == 4 else f"clutter:{n}" for n in range(200, 230)]
 METHODS = ("physics", "physics_recalibrated", "trees", "network", "hybrid")
+STARTED = ("network", "hybrid")  # Also going on from what comes with the program.
 DRAWS = 8
 
 
@@ -42,13 +43,17 @@ def main() -> None:
         believed = asked_sensor.load("d435", captures=str(learn), edits=DATA_SHEET)
         simulation = Simulation(sensor=believed, draws=DRAWS, cache=asked.out / "physics")
         rooms = [scene.room for scene in capture.open_set(learn).scenes]
-        print(f"{'scenes':>8} {'method':22}{'AUC':>8}{'TPR 10 %':>10}{'Brier skill':>13}{'ECE':>8}")
+        print(f"{'scenes':>8} {'method':26}{'AUC':>8}{'TPR 10 %':>10}{'Brier skill':>13}{'ECE':>8}")
+        tried = [(method, None) for method in asked.methods]
+        tried += [(m, Path(f"{m}-varied")) for m in asked.methods if m in STARTED]
         for count in asked.scenes:
-            for method in asked.methods:
-                model = _trained(asked.out, method, learn, rooms[:count], simulation, tell)
+            for method, start in tried:
+                name = method if start is None else f"{method} going on"
+                model = asked.out / f"{name.replace(' ', '-')}-{count}"
+                _train(model, method, learn, rooms[:count], simulation, start, tell)
                 found = evaluate_captures(
                     str(judge),
-                    asked.out / f"judged-{method}-{count}",
+                    asked.out / f"judged-{model.name}",
                     Plan(methods=(), models=(model,)),
                     simulations=lambda _room: simulation,
                     force=True,
@@ -56,7 +61,7 @@ def main() -> None:
                 )
                 mean = found["methods"][method]
                 print(
-                    f"{count:8} {method:22}{mean['auc']:8.4f}{mean['tpr_at_fpr10']:10.3f}"
+                    f"{count:8} {name:26}{mean['auc']:8.4f}{mean['tpr_at_fpr10']:10.3f}"
                     f"{mean['brier_skill']:13.4f}{mean['ece']:8.4f}",
                     flush=True,
                 )
@@ -68,8 +73,7 @@ def _captured(folder, names, seed, tell):
     return folder
 
 
-def _trained(out, method, learn, rooms, simulation, tell):
-    folder = out / f"{method}-{len(rooms)}"
+def _train(folder, method, learn, rooms, simulation, start, tell):
     if not (folder / RECORD).is_file():
         train_captures.train_captures(
             method,
@@ -77,9 +81,9 @@ def _trained(out, method, learn, rooms, simulation, tell):
             folder,
             simulation=simulation if method in registry.ON_PHYSICS else None,
             rooms=rooms,
+            start=start,
             tell=tell,
         )
-    return folder
 
 
 if __name__ == "__main__":

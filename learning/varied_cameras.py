@@ -10,6 +10,7 @@ from its base by up to half the way to an end of its range, on the range's own s
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from functools import partial
@@ -30,6 +31,7 @@ from sim.simulate import Shot
 from sim.stage import Stage as SceneStage
 
 ROWS = {False: 6, True: 4}  # Rows moved: of light and imagers, of matcher and post-processing.
+BLIND = 0.2  # Share of no-depth pixels above which a camera does not work.
 _REACH = 0.5  # Share of the way to a range's end that is gone at most.
 _WIDE = 4.0  # Ranges of a greater ratio are walked by factors.
 _LATE = (Stage.MATCHER, Stage.POST)
@@ -93,8 +95,13 @@ def write(
 
 
 def _capture(scene: Scene, seed: int, *, sensor: Sensor, samples: int) -> Shot:
-    camera, seen = setting.apply(sensor, scene, departures(sensor, scene, seed))
-    return simulate.simulate(SceneStage(seen), camera, seed=seed, samples=samples)
+    """Draw cameras until one works: nobody keeps one that is blind."""
+    for attempt in itertools.count():
+        camera, seen = setting.apply(sensor, scene, departures(sensor, scene, seed + attempt))
+        shot = simulate.simulate(SceneStage(seen), camera, seed=seed, samples=samples)
+        if 1 - shot.depth.valid.mean() <= BLIND:
+            return shot
+    raise AssertionError
 
 
 def departures(sensor: Sensor, scene: Scene, seed: int) -> dict[str, Value]:
