@@ -26,7 +26,7 @@ def of_image(reading: Reading, ground: Ground, *, ceiling: float) -> Features:
     found = levels.levels(left, ground, ceiling)
     found |= _named("right", levels.levels(beside, ground, ceiling))
     found |= texture.texture(left, ground)
-    found |= _named("right", texture.texture(beside, ground))
+    found |= _named("right", texture.texture(beside, ground, ("radius",)))
     found |= residual.residual(left, ground)
     found |= shifts.pair(left, right, ground)
     found |= shifts.dots(left, ground)

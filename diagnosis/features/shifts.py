@@ -11,7 +11,7 @@ from diagnosis.ground import Ground, Image
 
 STEP_PX = 0.7  # Shift to both sides of the expected place.
 _WINDOW_PX = 15
-_BINS = ("depth", "x", "y", "radius", "level")
+_BINS = ("depth", "x", "y")
 
 
 def pair(left: Image, right: Image, ground: Ground) -> dict[str, float]:

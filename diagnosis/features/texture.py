@@ -11,7 +11,9 @@ from diagnosis.ground import Ground, Image
 _SHIFTS = ((1, 0), (2, 0), (3, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, -1))  # (x, y) [px].
 
 
-def texture(image: Image, ground: Ground) -> dict[str, float]:
+def texture(
+    image: Image, ground: Ground, places: tuple[str, ...] = ("radius", "depth", "y")
+) -> dict[str, float]:
     """Energies at the finest scales by place and depth, and correlations of near pixels."""
     fine = np.asarray(image, np.float32)
     laplacian = cv2.Laplacian(fine, cv2.CV_32F) ** 2
@@ -20,7 +22,7 @@ def texture(image: Image, ground: Ground) -> dict[str, float]:
     band = (cv2.GaussianBlur(fine, (0, 0), 1.0) - cv2.GaussianBlur(fine, (0, 0), 2.0)) ** 2
     found = {}
     dots = ground.covariates["dots"]
-    for name in ("radius", "depth", "y"):
+    for name in places:
         for where_name, where in bins.crossed(ground.covariates[name], dots):
             sharp = bins.log(bins.mean(laplacian, where))
             found[f"texture.laplacian.{where_name}"] = sharp
