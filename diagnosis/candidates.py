@@ -1,0 +1,110 @@
+"""Effects that may have made a gap, and the strengths at which each is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from sim import effects
+from sim.effects import setting
+from sim.effects.effect import Effect, Parameter, Stage, Value
+from sim.scene import Scene
+from sim.sensor import Sensor
+
+_NODES = 5  # Strengths of an effect, to each side where it has two.
+_LEAST = 1 / 30  # The weakest over the strongest, of effects of both signs.
+_WIDE = 4.0  # Ranges above this ratio are stepped by factors.
+# Without a partner they do nothing, or repeats alone show them, or they change the image's size.
+_LEFT_OUT = frozenset({"rolling_shutter", "temporal_filter", "decimation", "registration"})
+_SIDES = ("x", "y", "z")
+
+
+class Arm(Enum):
+    """Half of the stage swap that an effect shows in."""
+
+    IMAGE = "image"  # Simulated against real infrared, both matched by our matcher.
+    DEPTH = "depth"  # Our matcher's depth of the real infrared against the device's own.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Candidate:
+    """A parameter of an effect, with the values that are simulated."""
+
+    name: str  # `EFFECT` or `EFFECT.PARAMETER`.
+    effect: Effect
+    arm: Arm
+    base: Value  # Where the sensor at hand has it.
+    nodes: tuple[Value, ...]  # Other values, numbers ascending.
+
+    @property
+    def family(self) -> str:
+        """What it cannot be told from by name."""
+        return self.effect.family
+
+    @property
+    def numeric(self) -> bool:
+        """Whether values in between mean something."""
+        return not self.effect_parameter.choices
+
+    @property
+    def effect_parameter(self) -> Parameter:
+        """The row's parameter that is moved."""
+        return setting.parameter_of(self.name)[1]
+
+
+def candidates(sensor: Sensor, scene: Scene, arm: Arm) -> list[Candidate]:
+    """List what may have made a gap in one arm.
+
+    Rows are moved by their first parameter; those of a vector by each component.
+
+    Args:
+        sensor: the base.
+        scene: likewise.
+        arm: matcher and post-processing act on depth, all else on the image.
+    """
+    late = (Stage.MATCHER, Stage.POST)
+    found = []
+    for effect in effects.table():
+        if (effect.stage in late) != (arm is Arm.DEPTH) or effect.name in _LEFT_OUT:
+            continue
+        for number, parameter in enumerate(effect.parameters):
+            component = parameter.paths[0].rpartition(".")[2] in _SIDES
+            if number and not component:
+                continue
+            base = setting.value(parameter, sensor, scene)
+            if base is None:
+                continue
+            name = effect.name if number == 0 else f"{effect.name}.{parameter.name}"
+            values = nodes(parameter, base)
+            if values:
+                found.append(Candidate(name=name, effect=effect, arm=arm, base=base, nodes=values))
+    return found
+
+
+def nodes(parameter: Parameter, base: Value) -> tuple[Value, ...]:
+    """Values at which an effect is simulated, the base left out.
+
+    Strengths rise by factors from the least to the greatest worth trying; effects of both signs
+    depart from the base to both sides.
+    """
+    if parameter.choices:
+        return tuple(choice for choice in parameter.choices if choice != base)
+    assert parameter.low is not None and parameter.high is not None
+    assert not isinstance(base, str)
+    low, high = parameter.low, parameter.high
+    values: Sequence[float]
+    if low < 0 < high or (low < 1 < high and parameter.neutral == 1 and high / low < _WIDE):
+        up, down = high - base, base - low
+        steps = np.geomspace(_LEAST, 1, _NODES)
+        values = [*(base - down * steps), *(base + up * steps)]
+    elif low > 0:
+        values = [*np.geomspace(low, high, 2 * _NODES - 3)]
+        if parameter.neutral == 0 and base != 0:
+            values.append(0.0)
+    else:
+        values = [*np.linspace(low, high, 2 * _NODES - 3)]
+    kept = {round(float(value), 9) for value in values}
+    return tuple(sorted(value for value in kept if abs(value - base) > 1e-9 * max(1, abs(base))))

@@ -1,0 +1,44 @@
+"""How a disparity map errs and where it has none: by depth, place, level, edges, fraction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from diagnosis.features import bins
+from diagnosis.ground import Ground, Image
+
+_FAR_OFF_PX = 2.0
+_PLACES = ("depth", "x", "y", "radius", "level", "incidence")
+
+
+def disparity(found_px: Image, ground: Ground) -> dict[str, float]:
+    """Errors against the reference, and shares without depth.
+
+    Args:
+        found_px: (h, w) measured disparity; NaN where there is none.
+        ground: of the scene.
+    """
+    error = found_px - ground.disparity_px
+    near = np.where(np.abs(error) <= _FAR_OFF_PX, error, np.nan)
+    open_pixels = ground.counted & (ground.covariates["edge"].label == 0)
+    missing = ~np.isfinite(found_px)
+    off = np.nan_to_num(np.abs(error), nan=0.0) > _FAR_OFF_PX
+    found = {
+        "error.bias.all": bins.median(near, open_pixels),
+        "error.spread.all": bins.spread(near, open_pixels),
+        "error.far off.all": bins.rate(off, ground.counted & ~missing),
+        "holes.all": bins.rate(missing, ground.counted),
+    }
+    for name, where in bins.each(ground, *_PLACES):
+        found[f"error.bias.{name}"] = bins.median(near, where & open_pixels)
+        found[f"error.spread.{name}"] = bins.spread(near, where & open_pixels)
+        found[f"holes.{name}"] = bins.rate(missing, where)
+    for name, where in bins.each(ground, "edge"):
+        found[f"error.bias.{name}"] = bins.median(near, where)
+        found[f"error.spread.{name}"] = bins.spread(near, where)
+        found[f"error.far off.{name}"] = bins.rate(off, where & ~missing)
+        found[f"holes.{name}"] = bins.rate(missing, where)
+    middle = found["error.bias.all"]
+    for name, where in bins.each(ground, "fraction"):
+        found[f"error.fraction.{name}"] = bins.median(near, where & open_pixels) - middle
+    return found

@@ -1,0 +1,41 @@
+"""How bright an image is: on dots and between them, by place and depth; its codes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from diagnosis.features import bins
+from diagnosis.ground import Ground, Image
+
+_PERCENTILES = (1, 5, 25, 50, 75, 95, 99, 99.9)
+
+
+def levels(image: Image, ground: Ground, ceiling: float) -> dict[str, float]:
+    """Logarithms of mean levels (1 code added) and of percentiles; shares of full and black.
+
+    Args:
+        image: (h, w) codes of one imager, warped into the left view or the left itself.
+        ground: of the scene.
+        ceiling: largest code.
+    """
+    found = {}
+    dots = ground.covariates["dots"]
+    for name in ("radius", "depth", "x", "y", "projector"):
+        if name in ground.covariates:
+            for where_name, where in bins.crossed(ground.covariates[name], dots):
+                found[f"level.{where_name}"] = bins.log(1 + bins.mean(image, where))
+    inside = image[ground.counted & np.isfinite(image)]
+    if inside.size < bins.FEWEST:
+        return found
+    for percent, value in zip(_PERCENTILES, np.percentile(inside, _PERCENTILES), strict=True):
+        found[f"level.percentile {percent:g}"] = bins.log(1 + float(value))
+    found["level.full"] = float(np.arcsin(np.sqrt(np.mean(inside >= ceiling))))
+    codes = np.bincount(np.clip(np.rint(inside), 0, ceiling).astype(np.int64))
+    low, high = np.searchsorted(np.cumsum(codes) / codes.sum(), (0.05, 0.95))
+    used = codes[low : high + 1]
+    found["codes.empty"] = float(np.mean(used == 0)) if used.size else float("nan")
+    # A code is as frequent as its neighbours unless the converter has steps.
+    if used.size > 4:
+        expected = 0.5 * (used[:-2] + used[2:])
+        found["codes.comb"] = float(np.abs(used[1:-1] - expected).sum() / max(used.sum(), 1))
+    return found

@@ -1,0 +1,53 @@
+"""All features of a reading, by the arm of the stage swap that they belong to."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from diagnosis.features import disparity, levels, repeats, residual, shifts, surface, texture
+from diagnosis.ground import Ground
+from diagnosis.reading import Reading
+
+Features = dict[str, float]
+
+
+def of_image(reading: Reading, ground: Ground, *, ceiling: float) -> Features:
+    """What infrared images, and our matcher on them, tell; medians over repeats are not taken: the
+    first repeat stands for all but what changes in time.
+
+    Args:
+        reading: with infrared images.
+        ground: of the scene.
+        ceiling: largest code.
+    """
+    assert reading.left is not None and reading.right is not None and reading.ours_px is not None
+    left, right = (image[0].astype(np.float32) for image in (reading.left, reading.right))
+    beside = shifts.warped(right, ground.disparity_px)
+    found = levels.levels(left, ground, ceiling)
+    found |= _named("right", levels.levels(beside, ground, ceiling))
+    found |= texture.texture(left, ground)
+    found |= _named("right", texture.texture(beside, ground, ("radius",)))
+    found |= residual.residual(left, ground)
+    found |= shifts.pair(left, right, ground)
+    found |= shifts.dots(left, ground)
+    found |= disparity.disparity(reading.ours_px[0], ground)
+    if len(reading.left) > 1:
+        found |= repeats.infrared(reading.left, ground)
+        found |= repeats.depth(reading.ours_px, ground)
+    return found
+
+
+def of_depth(reading: Reading, ground: Ground) -> Features:
+    """What a device's depth tells, beside our matcher's on the same images where they are there."""
+    assert reading.device_px is not None
+    device = reading.device_px[0]
+    found = disparity.disparity(device, ground) | surface.surface(device, ground)
+    if reading.ours_px is not None:
+        found |= surface.against(device, reading.ours_px[0], ground)
+    if len(reading.device_px) > 1:
+        found |= repeats.depth(reading.device_px, ground)
+    return found
+
+
+def _named(prefix: str, features: Features) -> Features:
+    return {f"{prefix} {name}": value for name, value in features.items()}

@@ -1,0 +1,72 @@
+"""Where dots lie: the right image against the left by the true disparity, the left against the
+simulator's."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from diagnosis.features import bins
+from diagnosis.ground import Ground, Image
+
+STEP_PX = 0.7  # Shift to both sides of the expected place.
+_WINDOW_PX = 15
+_BINS = ("depth", "x", "y")
+
+
+def pair(left: Image, right: Image, ground: Ground) -> dict[str, float]:
+    """Correlate the right image, warped by the true disparity, with the left."""
+    return _shifts("pair", left, right, ground, disparity_px=np.nan_to_num(ground.disparity_px))
+
+
+def dots(left: Image, ground: Ground) -> dict[str, float]:
+    """Correlate the left image with the one that the simulator expects."""
+    nowhere = np.zeros_like(ground.disparity_px)
+    return _shifts("dots", left, ground.expected, ground, disparity_px=nowhere)
+
+
+def warped(image: Image, disparity_px: Image, dx: float = 0.0, dy: float = 0.0) -> Image:
+    """See an image (h, w) from the left view; `dx`, `dy` to the right and below [px]."""
+    y, x = np.indices(image.shape, np.float32)
+    return np.asarray(
+        cv2.remap(
+            np.asarray(image, np.float32),
+            x - np.nan_to_num(disparity_px) + np.float32(dx),
+            y + np.float32(dy),
+            cv2.INTER_CUBIC,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+    )
+
+
+def _shifts(
+    kind: str, one: Image, other: Image, ground: Ground, *, disparity_px: Image
+) -> dict[str, float]:
+    """Peak of the correlation and its place in x and y, by bins."""
+    flat = _standard(one)
+    steps = {"": (0, 0), "+x": (1, 0), "-x": (-1, 0), "+y": (0, 1), "-y": (0, -1)}
+    products = {}
+    for name, (dx, dy) in steps.items():
+        moved = warped(other, disparity_px, dx * STEP_PX, dy * STEP_PX)
+        products[name] = flat * _standard(moved)
+    open_pixels = ground.covariates["edge"].label == 0
+    found = {}
+    for name, where in (("all", ground.counted), *bins.each(ground, *_BINS)):
+        where = where & open_pixels
+        at = {step: bins.mean(product, where) for step, product in products.items()}
+        found[f"{kind}.match.{name}"] = float(np.arctanh(np.clip(at[""], -0.999, 0.999)))
+        for axis in ("x", "y"):
+            bend = at[f"+{axis}"] + at[f"-{axis}"] - 2 * at[""]
+            lean = 0.5 * (at[f"+{axis}"] - at[f"-{axis}"])
+            place = -STEP_PX * lean / bend if bend < -1e-3 else float("nan")
+            found[f"{kind}.shift {axis}.{name}"] = float(np.clip(place, -3, 3))
+            found[f"{kind}.width {axis}.{name}"] = bins.log(-bend / max(abs(at[""]), 1e-3))
+    return found
+
+
+def _standard(image: Image) -> Image:
+    """Take off the local mean and divide by the local deviation."""
+    fine = np.asarray(image, np.float32)
+    mean = bins.smooth(fine, _WINDOW_PX)
+    variance = bins.smooth(fine**2, _WINDOW_PX) - mean**2
+    return (fine - mean) / np.sqrt(np.maximum(variance, 1e-3))

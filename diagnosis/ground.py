@@ -1,0 +1,140 @@
+"""What is known of a scene before a camera is asked: where its pixels lie, and on what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from learning.geometry.filled import filled
+from learning.geometry.planes import NORMAL_RADIUS_PX, fit_planes, incidence_cosine
+from sim.capture_info import CaptureInfo
+from sim.metrics import EDGE_JUMP_PX
+from sim.pinhole import Pinhole
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+AT_EDGE_PX, NEAR_EDGE_PX = 4, 12  # Half a matching window, and beyond all windows.
+_DEGREES = (40.0, 65.0)  # Facing, slanted, grazing.
+_THIRDS = (1 / 3, 2 / 3)
+_LEVEL_PX = 31  # Window of the mean level.
+_DOT_SIGMA_PX = 1.0  # Below which a dot is no structure of the scene.
+_DOT, _BETWEEN = 0.5, -0.25  # Local deviations above and below the mean.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Covariate:
+    """A way to part a scene's pixels into bins."""
+
+    name: str
+    bins: tuple[str, ...]
+    label: NDArray[np.int8]  # (h, w) number of the bin; -1: in none.
+
+    def where(self, name: str) -> Mask:
+        """Pixels of one bin."""
+        return np.asarray(self.label == self.bins.index(name))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """A scene's reference and the image that the simulator expects of it, in the left view.
+
+    Bins are made from these alone, never from what is measured: where a real camera has no depth,
+    or is dark, is what is asked for.
+    """
+
+    info: CaptureInfo
+    disparity_px: Image  # (h, w) of the reference; NaN where unknown.
+    expected: Image  # (h, w) what the simulator's left imager expects, without noise, any unit.
+    counted: Mask  # (h, w) known, and inside the right image.
+    covariates: dict[str, Covariate]
+
+
+def ground(disparity_px: Image, expected: Image, info: CaptureInfo) -> Ground:
+    """Part a scene's pixels by depth, place, edges, incidence, level, and dots.
+
+    Args:
+        disparity_px: (h, w) of the reference, NaN where unknown.
+        expected: (h, w) noise-free simulated left image.
+        info: intrinsics.
+
+    Raises:
+        InputError: if nothing is known of the reference.
+    """
+    known = np.isfinite(disparity_px)
+    whole = filled(np.asarray(disparity_px, np.float32), known)
+    height, width = known.shape
+    y, x = np.indices(known.shape, np.float32)
+    counted = known & (x - whole >= 0)
+    pinhole = Pinhole.of(info)
+    planes = fit_planes(whole, known, NORMAL_RADIUS_PX)
+    angle = np.degrees(np.arccos(np.clip(incidence_cosine(planes, pinhole), 0, 1)))
+    radius = np.hypot(x - info.cx_px, y - info.cy_px) / pinhole.half_diagonal_px
+    level = cv2.blur(expected, (_LEVEL_PX, _LEVEL_PX))
+    covariates = [
+        _binned("depth", ("far", "middle", "near"), whole, _shares(whole, counted), counted),
+        _binned("radius", ("centre", "ring", "corner"), radius, _THIRDS, counted),
+        _binned("x", ("left", "centre", "right"), x / width, _THIRDS, counted),
+        _binned("y", ("top", "middle", "bottom"), y / height, _THIRDS, counted),
+        _binned("level", ("dark", "medium", "bright"), level, _shares(level, counted), counted),
+        _binned("incidence", ("facing", "slanted", "grazing"), angle, _DEGREES, counted),
+        _edges(whole, counted),
+        _dots(expected, counted),
+        _binned(
+            "fraction", tuple(f"{k}/8" for k in range(8)), whole % 1, np.arange(1, 8) / 8, counted
+        ),
+    ]
+    return Ground(
+        info=info,
+        disparity_px=np.asarray(disparity_px, np.float32),
+        expected=np.asarray(expected, np.float32),
+        counted=counted,
+        covariates={one.name: one for one in covariates},
+    )
+
+
+def _binned(name, bins, value, limits, counted) -> Covariate:
+    label = np.searchsorted(np.asarray(limits, np.float64), value, side="right").astype(np.int8)
+    return Covariate(name, bins, np.where(counted, label, np.int8(-1)))
+
+
+def _shares(value: Image, counted: Mask) -> tuple[float, ...]:
+    """Limits of thirds of the counted pixels."""
+    if not counted.any():
+        return (0.0, 0.0)
+    return tuple(np.quantile(value[counted], _THIRDS).tolist())
+
+
+def _edges(whole: Image, counted: Mask) -> Covariate:
+    """By distance to a depth edge, and on which side of it."""
+    step_x, step_y = np.zeros(whole.shape, bool), np.zeros(whole.shape, bool)
+    step_x[:, 1:] = np.abs(np.diff(whole, axis=1)) > EDGE_JUMP_PX
+    step_y[1:] = np.abs(np.diff(whole, axis=0)) > EDGE_JUMP_PX
+    edge = step_x | step_y
+    away = np.full(whole.shape, np.inf)
+    if edge.any():
+        away = np.asarray(ndimage.distance_transform_edt(~edge), np.float64)
+    side = 2 * AT_EDGE_PX + 1
+    nearest = cv2.dilate(whole, np.ones((side, side), np.uint8))
+    to_right = cv2.dilate(whole, np.ones((1, AT_EDGE_PX + 1), np.uint8), anchor=(0, 0))
+    behind = nearest - whole > EDGE_JUMP_PX
+    hidden = behind & (to_right - whole > EDGE_JUMP_PX)  # A nearer thing hides it from the right.
+    label = np.select(
+        [away > NEAR_EDGE_PX, away > AT_EDGE_PX, hidden, behind], [0, 1, 2, 3], default=4
+    ).astype(np.int8)
+    bins = ("open", "near an edge", "left of a nearer thing", "beside a nearer thing", "on its rim")
+    return Covariate("edge", bins, np.where(counted, label, np.int8(-1)))
+
+
+def _dots(expected: Image, counted: Mask) -> Covariate:
+    """Dots of the projector and what lies between them."""
+    fine = cv2.GaussianBlur(expected, (0, 0), _DOT_SIGMA_PX)
+    mean = cv2.blur(fine, (_LEVEL_PX, _LEVEL_PX))
+    variance = cv2.blur((fine - mean) ** 2, (_LEVEL_PX, _LEVEL_PX))
+    relative = (fine - mean) / np.sqrt(np.maximum(variance, 1e-12))
+    label = np.select([relative > _DOT, relative < _BETWEEN], [0, 1], default=-1).astype(np.int8)
+    return Covariate("dots", ("on dots", "between"), np.where(counted, label, np.int8(-1)))

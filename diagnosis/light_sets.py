@@ -1,0 +1,168 @@
+"""Light for the check on withheld effects: scenes as photo-electrons that no camera has touched.
+
+The other side of the check reads these files and nothing else: what a lens, an imager and a matcher
+do to the light is its own, written a second time.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from patterns.errors import refuse
+from sim import capture_info, capture_writer, frames, png, progress, scenes, simulate
+from sim.effects import setting
+from sim.imager import electrons_per_radiance
+from sim.layers import Layers, View
+from sim.output import OutputFolder
+from sim.scenes import known
+from sim.sensor import Sensor
+from sim.sensor_edits import with_values
+from sim.stage import Stage
+
+LIGHT, NOMINAL = "light.npz", "nominal.json"
+OTHER_M = 0.2  # How far to the right another device's projector stands.
+_EVEN_PX = 64  # Of a pattern that is even light.
+
+
+def write(
+    out: Path,
+    names: Sequence[str],
+    sensor: Sensor,
+    *,
+    force: bool = False,
+    tell: progress.Progress = progress.silent,
+) -> None:
+    """Write builtin scenes as light, beside what a capture set says of them.
+
+    Args:
+        out: folder to make.
+        names: builtin scenes, each once.
+        sensor: nominal; its geometry, projector and scale of electrons count.
+        force: replace a folder made before.
+        tell: wraps the loop over scenes.
+
+    Raises:
+        InputError: if a scene is unknown or named twice, or the folder cannot be written.
+    """
+    if len(set(names)) < len(names) or not names:
+        found = f"{len(names)}, {len(set(names))} of them different"
+        raise refuse("scenes", "must be at least one, each once", found, "Correct the list.")
+    info = capture_writer.info_of(sensor, source="check", licence="Apache-2.0", notes="simulated")
+    with OutputFolder(out, force=force) as folder, tempfile.TemporaryDirectory() as temporary:
+        even = _even(sensor, Path(temporary))
+        folder.write(capture_info.FILE, capture_info.dumps(info).encode())
+        ambient = {scenes.load(name, sensor).ambient.irradiance_w_m2 for name in names}
+        if len(ambient) > 1:
+            raise refuse("scenes", "must share one ambient light", sorted(ambient), "Part them.")
+        told = {**nominal(sensor), "ambient_w_m2": ambient.pop()}
+        folder.write(NOMINAL, json.dumps(told, indent=1).encode())
+        for name in tell(names, "light"):
+            scene = scenes.load(name, sensor)
+            place = name.replace(":", "-")
+            stage = Stage(scene)
+            layers = simulate.simulate(stage, sensor).layers
+            evenly = simulate.simulate(stage, even).layers
+            other_sensor, other_scene = setting.apply(
+                sensor, scene, {"second_projector": 1.0, "second_projector.x": OTHER_M}
+            )
+            beside = simulate.simulate(Stage(other_scene), other_sensor).layers
+            arrays = _arrays(sensor, layers, evenly, beside)
+            folder.write_by(f"{place}/{LIGHT}", partial(_save, arrays))
+            capture_writer.write_scene(
+                folder,
+                place,
+                room=place,
+                truth_m=layers.truth.depth_m,
+                depth_unit_m=sensor.post.depth_unit_m,
+                known=known.describe(name, scene.world_from_left, folder.path / place),
+            )
+
+
+def nominal(sensor: Sensor) -> dict[str, Any]:
+    """What the other side is told of the camera."""
+    imager = sensor.left
+    return {
+        "width": sensor.width,
+        "height": sensor.height,
+        "fx_px": sensor.fx_px,
+        "fy_px": sensor.fy_px,
+        "cx_px": sensor.cx_px,
+        "cy_px": sensor.cy_px,
+        "baseline_m": sensor.baseline_m,
+        "exposure_s": imager.exposure_s,
+        "gain": imager.gain,
+        "power_w": sensor.projector.power_w,
+        "full_well_e": imager.full_well_e,
+        "bit_depth": imager.bit_depth,
+        "dn_per_e": imager.dn_per_electron,
+        "black_level_dn": imager.black_level_dn,
+        "read_noise_e": imager.read_noise_e,
+        "shot_noise": imager.shot_noise,
+        "lens_blur_px": imager.lens.blur_px,
+        "lens_focus_m": imager.lens.focus_m,
+        "projector_focus_m": sensor.projector.focus_m,
+        "projector_x_m": sensor.projector.position_m[0],
+        "quantum_efficiency": imager.quantum_efficiency,
+        "pixel_pitch_m": imager.pixel_pitch_m,
+        "f_number": imager.lens.f_number,
+        "wavelength_nm": sensor.projector.wavelength_nm,
+    }
+
+
+def _save(arrays: dict[str, NDArray[Any]], path: Path) -> None:
+    with path.open("wb") as file:  # A name without this suffix would be given it.
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+
+
+def _even(sensor: Sensor, folder: Path) -> Sensor:
+    """The sensor with a projector of even light."""
+    path = folder / "even.png"
+    path.write_bytes(png.encode(np.full((_EVEN_PX, _EVEN_PX), 255, np.uint8)))
+    return with_values(sensor, [("projector.pattern", str(path))])
+
+
+def _arrays(
+    sensor: Sensor, layers: Layers, evenly: Layers, beside: Layers
+) -> dict[str, NDArray[Any]]:
+    wavelength, found = sensor.projector.wavelength_nm, {}
+    for side, imager in (("left", sensor.left), ("right", sensor.right)):
+        view, even, other = (getattr(one, side) for one in (layers, evenly, beside))
+        scale = electrons_per_radiance(imager, wavelength, imager.exposure_s)
+        power = scale * sensor.projector.power_w
+        px, py = _projector_tangents(view, sensor, side)
+        found |= {
+            f"{side}_laser_e": view.projector_direct * np.float32(power),
+            f"{side}_even_e": even.projector_direct * np.float32(power),
+            f"{side}_ambient_e": view.ambient * np.float32(scale),
+            f"{side}_other_e": other.other * np.float32(scale),
+            f"{side}_depth_m": view.depth_m,
+            f"{side}_body": view.body,
+            f"{side}_px": px,
+            f"{side}_py": py,
+        }
+    return found
+
+
+def _projector_tangents(view: View, sensor: Sensor, side: str) -> tuple[NDArray, NDArray]:
+    """x / z and y / z of every seen point in the projector's frame (h, w)."""
+    y, x = np.indices(view.depth_m.shape, np.float64)
+    ray = np.stack(
+        [(x - sensor.cx_px) / sensor.fx_px, (y - sensor.cy_px) / sensor.fy_px, np.ones_like(x)],
+        axis=-1,
+    )
+    point = ray * view.depth_m[..., None]
+    if side == "right":
+        point = point + np.array([sensor.baseline_m, 0.0, 0.0])
+    part = sensor.projector
+    local = (point - np.array(part.position_m)) @ frames.rotation(part.rotation_deg)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        px, py = local[..., 0] / local[..., 2], local[..., 1] / local[..., 2]
+    return px.astype(np.float32), py.astype(np.float32)

@@ -1,0 +1,65 @@
+"""What a camera gave of one scene, real or simulated, and what our matcher makes of its images."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim import measurement
+from sim.capture import CapturedScene
+from sim.sensor import Sensor
+
+Images = NDArray[np.unsignedinteger]
+Maps = NDArray[np.float32]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Reading:
+    """Repeats of one scene; (n, h, w) each."""
+
+    left: Images | None  # Infrared codes; None where only depth was captured.
+    right: Images | None
+    ours_px: Maps | None  # Disparity by our matcher from these images; NaN where there is none.
+    device_px: Maps | None  # Disparity by the device's own depth; NaN likewise.
+
+
+def read(scene: CapturedScene, sensor: Sensor) -> Reading:
+    """Read all repeats of a captured scene, and match its infrared pairs.
+
+    Args:
+        scene: of a capture set.
+        sensor: whose matcher is taken.
+
+    Raises:
+        InputError: as `CapturedScene.frame`.
+    """
+    frames = [scene.frame(number) for number in scene.frames]
+    lefts = [frame.ir_left for frame in frames if frame.ir_left is not None]
+    rights = [frame.ir_right for frame in frames if frame.ir_right is not None]
+    depths = [frame.depth_m for frame in frames if frame.depth_m is not None]
+    paired = len(lefts) == len(rights) == len(frames)
+    left, right = (np.stack(lefts), np.stack(rights)) if paired else (None, None)
+    return Reading(
+        left=left,
+        right=right,
+        ours_px=None if left is None or right is None else matched(left, right, sensor),
+        device_px=np.stack([scene.info.disparity_px(one) for one in depths]) if depths else None,
+    )
+
+
+def matched(left: Images, right: Images, sensor: Sensor) -> Maps:
+    """Match infrared pairs (n, h, w) as they are captured, without finer bits.
+
+    Returns:
+        (n, h, w) disparity [px], post-processing and range included; NaN where there is none.
+    """
+    as_captured = dataclasses.replace(sensor, left=dataclasses.replace(sensor.left, dropped_bits=0))
+    return np.stack(
+        [
+            measurement.measure(one, other, as_captured, causes={}).disparity_px
+            for one, other in zip(left, right, strict=True)
+        ]
+    )

@@ -1,0 +1,107 @@
+"""A scene under diagnosis: what is known of it, what was captured, and how it is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from diagnosis.ground import Ground, ground
+from diagnosis.reading import Reading, matched, read
+from patterns.errors import refuse
+from sim import simulate
+from sim.capture import CapturedScene
+from sim.effects import named, setting
+from sim.effects.effect import Value
+from sim.layers import Layers
+from sim.scene import Scene
+from sim.scenes import captured as surfaces
+from sim.scenes import known
+from sim.sensor import Sensor
+from sim.simulate_captures import scene_seed
+from sim.stage import Stage
+
+_SAMPLES = 4  # Paths of indirect light: a difference is asked for, and noise is common.
+
+
+@dataclass(slots=True, eq=False)
+class Subject:
+    """One scene; its base is rendered once."""
+
+    name: str
+    room: str
+    scene: Scene
+    sensor: Sensor  # The base.
+    ground: Ground
+    real: Reading
+    frames: int  # Of a simulated reading.
+    _stage: Stage = field(repr=False)
+    _layers: Layers = field(repr=False)
+
+    def simulate(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
+        """Simulate the scene with effects set; equal seeds share all noise.
+
+        Args:
+            settings: value by effect's name, as `sim.effects.setting.apply` takes them.
+            seed: of noise.
+        """
+        sensor, scene = setting.apply(self.sensor, self.scene, settings)
+        own = scene_seed(seed, self.name)
+        layers = self._layers
+        if any(named(name.partition(".")[0]).rerender for name in settings):
+            stage = self._stage if scene is self.scene else Stage(scene)
+            layers = simulate.simulate(stage, sensor, seed=own, samples=_SAMPLES).layers
+        pairs = [
+            simulate.infrared(layers, scene, sensor, seed=own, frame=frame)
+            for frame in range(self.frames)
+        ]
+        left = np.stack([pair.left for pair in pairs])
+        right = np.stack([pair.right for pair in pairs])
+        return Reading(left=left, right=right, ours_px=matched(left, right, sensor), device_px=None)
+
+    def rematch(self, settings: Mapping[str, Value]) -> Reading:
+        """Match the real infrared pair again, by a matcher with effects set."""
+        sensor = setting.on_sensor(self.sensor, settings)
+        assert self.real.left is not None and self.real.right is not None
+        maps = matched(self.real.left, self.real.right, sensor)
+        return Reading(
+            left=self.real.left,
+            right=self.real.right,
+            ours_px=self.real.ours_px,
+            device_px=maps,
+        )
+
+
+def subject(captured: CapturedScene, sensor: Sensor) -> Subject:
+    """Make a subject of a captured scene.
+
+    Args:
+        captured: with reference depth or a `scene.toml`.
+        sensor: the base.
+
+    Raises:
+        InputError: if neither geometry nor reference depth is known, or an image is damaged.
+    """
+    scene = known.load(captured, sensor)
+    if scene is None:
+        scene = surfaces.load(captured.path, sensor)
+    stage = Stage(scene)
+    layers = simulate.simulate(stage, sensor, samples=_SAMPLES).layers
+    truth_m = captured.truth_m()
+    if truth_m is None:
+        truth_m = layers.truth.depth_m
+    if not np.isfinite(truth_m).any():
+        raise refuse(f"scene {captured.name}", "must have reference depth", "none", "Leave it out.")
+    expected = simulate.infrared(layers, scene, sensor).electrons
+    return Subject(
+        name=captured.name,
+        room=captured.room,
+        scene=scene,
+        sensor=sensor,
+        ground=ground(captured.info.disparity_px(truth_m), expected, captured.info),
+        real=read(captured, sensor),
+        frames=len(captured.frames),
+        _stage=stage,
+        _layers=layers,
+    )

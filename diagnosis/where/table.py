@@ -1,0 +1,111 @@
+"""The gap by covariates, with intervals over scenes that hold for all rows at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.ground import Ground
+
+_FEWEST = 200  # Pixels of a scene in a bin.
+_DRAWS = 2000
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Row:
+    """One bin of one covariate."""
+
+    covariate: str
+    bin: str
+    gap: float  # Mean over scenes: second map's share of no-depth pixels less the first's.
+    low: float  # 95 % bootstrap interval over scenes.
+    high: float
+    area: float  # Share of the counted pixels that lie in it.
+    share: float  # Share of the whole gap that lies in it; NaN where there is next to none.
+    p: float  # Chance of as large a standardised gap in any row, were signs of scenes arbitrary.
+
+
+def table(
+    first: Sequence[NDArray[np.bool_]],
+    second: Sequence[NDArray[np.bool_]],
+    grounds: Sequence[Ground],
+) -> list[Row]:
+    """Where the second maps have no depth and the first have, by bins.
+
+    Args:
+        first: (h, w) of every scene, True without depth.
+        second: likewise.
+        grounds: of the scenes.
+
+    Returns:
+        Rows by size of the gap, those of the smallest chance first.
+
+    Source: the maximum over rows under sign flips controls all of them at once (Westfall and Young,
+    Resampling-Based Multiple Testing, 1993).
+    """
+    keys = [(one.name, word) for one in grounds[0].covariates.values() for word in one.bins]
+    gaps = np.full((len(grounds), len(keys)), np.nan)
+    area = np.zeros(len(keys))
+    net = np.zeros(len(keys))
+    total, pixels = 0.0, 0
+    for scene, (before, after, ground) in enumerate(zip(first, second, grounds, strict=True)):
+        change = after.astype(np.int8) - before.astype(np.int8)
+        total += float(change[ground.counted].sum())
+        pixels += int(ground.counted.sum())
+        for column, (name, word) in enumerate(keys):
+            where = ground.covariates[name].where(word)
+            count = np.count_nonzero(where)
+            area[column] += count
+            net[column] += float(change[where].sum())
+            if count >= _FEWEST:
+                gaps[scene, column] = change[where].mean()
+    p = _max_t(gaps)
+    low, high = _bootstrap(gaps)
+    small = abs(total) < 1e-4 * pixels
+    rows = [
+        Row(
+            covariate=name,
+            bin=word,
+            gap=float(np.nanmean(gaps[:, column])),
+            low=float(low[column]),
+            high=float(high[column]),
+            area=float(area[column] / max(pixels, 1)),
+            share=float("nan") if small else float(net[column] / total),
+            p=float(p[column]),
+        )
+        for column, (name, word) in enumerate(keys)
+        if np.isfinite(gaps[:, column]).any()
+    ]
+    return sorted(rows, key=lambda row: (row.p, -abs(row.gap)))
+
+
+def _max_t(gaps: NDArray) -> NDArray:
+    """Chance of each column's |t| among the largest |t| under random signs of the scenes."""
+    rng = np.random.default_rng(0)
+    signs = rng.choice((-1.0, 1.0), size=(_DRAWS, len(gaps)))
+    observed = np.abs(_t(gaps[None]))[0]
+    largest = np.nanmax(np.abs(_t(gaps[None] * signs[:, :, None])), axis=1)
+    return np.array([(1 + np.sum(largest >= one)) / (1 + _DRAWS) for one in observed])
+
+
+def _t(gaps: NDArray) -> NDArray:
+    count = np.isfinite(gaps).sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.nansum(gaps, axis=1) / count
+        variance = np.nansum((gaps - mean[:, None]) ** 2, axis=1) / (count - 1)
+        found = mean / np.sqrt(variance / count + 1e-10)
+    return np.where(count > 1, found, 0.0)
+
+
+def _bootstrap(gaps: NDArray) -> tuple[NDArray, NDArray]:
+    rng = np.random.default_rng(1)
+    drawn = rng.integers(len(gaps), size=(_DRAWS, len(gaps)))
+    known = np.isfinite(gaps)
+    values = np.where(known, gaps, 0.0)
+    count = np.maximum(known[drawn].sum(axis=1), 1)
+    means = values[drawn].sum(axis=1) / count
+    low, high = np.quantile(means, (0.025, 0.975), axis=0)
+    return low, high

@@ -1,0 +1,175 @@
+"""One case of the check: what was done to a camera, and how cases are drawn by lot."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from diagnosis.withheld.catalogue import ROWS, Kind, Row, check_names
+from diagnosis.withheld.errors import WithheldError, refusal
+from diagnosis.withheld.nominal import Nominal
+
+CaseKind = Literal["null", "single", "pair", "unknown"]
+_KINDS: tuple[CaseKind, ...] = get_args(CaseKind)
+_SEED_BITS = 62
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Case:
+    """A camera with effects. Settings are strengths as in `catalogue.Row`."""
+
+    number: int
+    kind: CaseKind
+    settings: Mapping[str, float] = field(default_factory=dict)
+    seed: int
+
+    def __post_init__(self) -> None:
+        if self.kind not in _KINDS:
+            raise refusal("kind", f"must be one of {_KINDS}", self.kind, "Correct it.")
+        if self.number < 0 or self.seed < 0:
+            raise refusal(
+                "number and seed", "must be >= 0", (self.number, self.seed), "Correct them."
+            )
+        check_names(self.settings)
+
+
+def draw(
+    nominal: Nominal,
+    counts: Mapping[CaseKind, int],
+    *,
+    limits: Mapping[str, float] | None = None,
+    kinds: Sequence[Kind] = ("image",),
+    leave_out: Iterable[str] = (),
+    entropy: int | None = None,
+) -> tuple[Case, ...]:
+    """Draw cases by lot.
+
+    Singles go round all effects before any comes again; pairs are of two families; the strengths'
+    departures are log-uniform from the detection limit, or the table's low end, to the high end;
+    numbers are dealt at random, so that they tell nothing of the kind.
+
+    Args:
+        nominal: The camera.
+        counts: How many of each kind of case.
+        limits: Least departure by effect, where one is known.
+        kinds: Kinds of effects that singles and pairs are drawn from.
+        leave_out: Names of effects that are not drawn.
+        entropy: Where the lot starts; by default the system's own randomness.
+
+    Raises:
+        WithheldError: if a count is negative, a limit is of no effect, or nothing can be drawn.
+    """
+    check_names(limits or {})
+    skip = set(leave_out)
+    check_names(dict.fromkeys(skip, 0.0))
+    if entropy is None:
+        entropy = int.from_bytes(os.urandom(16), "big")
+    rng = np.random.Generator(np.random.SFC64(entropy))
+    lot = _Lot(rng=rng, nominal=nominal, limits=dict(limits or {}))
+    known = lot.able(row for row in ROWS.values() if row.kind in kinds and row.name not in skip)
+    strange = lot.able(
+        row for row in ROWS.values() if row.kind == "outside" and row.name not in skip
+    )
+    drawn: list[tuple[CaseKind, dict[str, float]]] = []
+    for kind in _KINDS:
+        count = counts.get(kind, 0)
+        if count < 0:
+            raise refusal(f"count of {kind}", "must be >= 0", count, "Give how many.")
+        if kind == "null":
+            chosen: list[tuple[Row, ...]] = [()] * count
+        elif kind == "single":
+            chosen = [(row,) for row in lot.round(known, count)]
+        elif kind == "pair":
+            chosen = [lot.two(known) for _ in range(count)]
+        else:
+            chosen = [(row,) for row in lot.round(strange, count)]
+        for rows in chosen:
+            drawn.append((kind, {row.name: lot.strength(row) for row in rows}))
+    order = rng.permutation(len(drawn))
+    return tuple(
+        Case(number=number, kind=drawn[i][0], settings=drawn[i][1], seed=lot.seed())
+        for number, i in enumerate(order)
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Lot:
+    rng: np.random.Generator
+    nominal: Nominal
+    limits: dict[str, float]
+
+    def low(self, row: Row) -> float:
+        return max(self.limits.get(row.name, row.low), 1e-12)
+
+    def sides(self, row: Row) -> list[int]:
+        """Signs to which the camera leaves room for a departure."""
+        return [s for s in row.signs if row.reach(self.nominal, s) >= self.low(row)]
+
+    def able(self, rows: Iterable[Row]) -> list[Row]:
+        """Those of the effects that this camera can show."""
+        shown = [row for row in rows if row.acts(self.nominal)]
+        return [row for row in shown if row.scale == "choice" or self.sides(row)]
+
+    def round(self, rows: list[Row], count: int) -> list[Row]:
+        if count and not rows:
+            raise refusal("cases", "must have effects to draw from", "none", "Leave out fewer.")
+        out: list[Row] = []
+        while len(out) < count:
+            out += [rows[i] for i in self.rng.permutation(len(rows))]
+        return out[:count]
+
+    def two(self, rows: list[Row]) -> tuple[Row, Row]:
+        first = self.round(rows, 1)[0]
+        return first, self.round([row for row in rows if row.family != first.family], 1)[0]
+
+    def strength(self, row: Row) -> float:
+        if row.scale == "choice":
+            neutral = row.neutral_of(self.nominal)
+            return float(self.rng.choice([c for c in row.choices if c != neutral]))
+        sign = int(self.rng.choice(self.sides(row)))
+        low, high = self.low(row), row.reach(self.nominal, sign)
+        departure = math.exp(self.rng.uniform(math.log(low), math.log(high)))
+        return row.value(self.nominal, departure, sign)
+
+    def seed(self) -> int:
+        return int(self.rng.integers(0, 2**_SEED_BITS))
+
+
+def dumps(cases: Sequence[Case]) -> str:
+    """Write cases as JSON text that `loads` reads back equal."""
+    table = [
+        {"number": c.number, "kind": c.kind, "settings": dict(c.settings), "seed": c.seed}
+        for c in cases
+    ]
+    return json.dumps(table, indent=1) + "\n"
+
+
+def loads(text: str) -> tuple[Case, ...]:
+    """Read cases from JSON text.
+
+    Raises:
+        WithheldError: if it is no list of cases.
+    """
+    try:
+        table: Any = json.loads(text)
+        return tuple(
+            Case(
+                number=int(item["number"]),
+                kind=item["kind"],
+                settings={str(k): float(v) for k, v in item["settings"].items()},
+                seed=int(item["seed"]),
+            )
+            for item in table
+        )
+    except WithheldError:
+        raise
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise refusal(
+            "cases", "must be a JSON list of cases", type(error).__name__, f"{error}"
+        ) from error

@@ -1,0 +1,118 @@
+"""What a matcher's last steps do to a disparity map that another program has matched.
+
+Every map is (h, w) in pixels, NaN where there is no depth; no function here fills a hole.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from diagnosis.withheld.catalogue import Strengths
+
+Map = NDArray[np.float64]
+
+
+def refine(disparity_px: Map, strengths: Strengths) -> Map:
+    """Apply every effect of a matcher that acts on its result; the very map given where none."""
+    d = in_search(
+        disparity_px, strengths.of("disparity_shift"), round(strengths.of("search_range"))
+    )
+    d = median(d, round(strengths.of("median")))
+    d = smoothing_mean(
+        d, round(strengths.of("smoothing_mean")), strengths.second("smoothing_mean.step_px")
+    )
+    d = lock(d, strengths.of("pixel_locking"))
+    d = steps(d, strengths.of("subpixel_steps"))
+    d = clear_edges(d, strengths.of("edge_jump"))
+    return without_islands(
+        d, round(strengths.of("speckle_filter")), strengths.second("speckle_filter.step_px")
+    )
+
+
+def in_search(disparity_px: Map, least_px: float, count: int) -> Map:
+    """Keep what a search of `count` disparities from `least_px` on finds; count 0 has no end."""
+    if least_px == 0.0 and count == 0:
+        return disparity_px
+    end = least_px + count - 1 if count else np.inf
+    return np.where((disparity_px > least_px) & (disparity_px < end), disparity_px, np.nan)
+
+
+def median(disparity_px: Map, side: int) -> Map:
+    """Median of the valid pixels of a square; of an even count the mean of the middle two."""
+    if side <= 1:
+        return disparity_px
+    values = np.sort(_around(disparity_px, side).reshape(*disparity_px.shape, -1), axis=-1)
+    count = np.isfinite(values).sum(-1, keepdims=True)  # NaN is sorted to the end.
+    low = np.take_along_axis(values, np.maximum(count - 1, 0) // 2, -1)
+    high = np.take_along_axis(values, count // 2, -1)
+    middle = (0.5 * (low + high))[..., 0]
+    return np.where(np.isfinite(disparity_px), middle, np.nan)
+
+
+def smoothing_mean(disparity_px: Map, side: int, step_px: float) -> Map:
+    """Mean of those pixels of a square that are within a step of the middle.
+
+    The page's weights are not told: here all weigh the same.
+    """
+    if side <= 1:
+        return disparity_px
+    around = _around(disparity_px, side)
+    total = np.zeros_like(disparity_px)
+    count = np.zeros_like(disparity_px)
+    for j in range(side):
+        for i in range(side):
+            beside = around[..., j, i]
+            near = np.abs(beside - disparity_px) <= step_px
+            total += np.where(near, beside, 0.0)
+            count += near
+    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
+
+
+def lock(disparity_px: Map, amplitude_px: float) -> Map:
+    """Pull to whole pixels: d - a sin(2 pi d), the page's own law."""
+    if amplitude_px == 0.0:
+        return disparity_px
+    return disparity_px - amplitude_px * np.sin(2.0 * np.pi * disparity_px)
+
+
+def steps(disparity_px: Map, step_px: float) -> Map:
+    """Round to whole steps, halves upwards."""
+    if step_px == 0.0:
+        return disparity_px
+    return np.floor(disparity_px / step_px + 0.5) * step_px
+
+
+def clear_edges(disparity_px: Map, largest_px: float) -> Map:
+    """Remove pixels whose 3x3 neighbours with depth span more than `largest_px`; 0 is off."""
+    if largest_px == 0.0:
+        return disparity_px
+    around = _around(disparity_px, 3).reshape(*disparity_px.shape, -1)
+    span = np.fmax.reduce(around, axis=-1) - np.fmin.reduce(around, axis=-1)
+    return np.where(span > largest_px, np.nan, disparity_px)
+
+
+def without_islands(disparity_px: Map, count: int, step_px: float) -> Map:
+    """Remove islands of at most `count` pixels, bounded by steps above `step_px` or by holes."""
+    if count == 0:
+        return disparity_px
+    number = np.arange(disparity_px.size).reshape(disparity_px.shape)
+    begins, ends = [], []
+    for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        joined = np.abs(disparity_px[one] - disparity_px[other]) <= step_px
+        begins.append(number[one][joined])
+        ends.append(number[other][joined])
+    begin, end = np.concatenate(begins), np.concatenate(ends)
+    graph = sparse.coo_array((np.ones(len(begin), bool), (begin, end)), shape=(number.size,) * 2)
+    island = connected_components(graph, directed=False)[1]
+    size = np.bincount(island)[island].reshape(disparity_px.shape)
+    return np.where(size > count, disparity_px, np.nan)
+
+
+def _around(disparity_px: Map, side: int) -> Map:
+    """Squares about every pixel (h, w, side, side); beyond the border there is nothing."""
+    padded = np.pad(disparity_px, side // 2, constant_values=np.nan)
+    return sliding_window_view(padded, (side, side))

@@ -1,0 +1,194 @@
+"""Effects put into *real* infrared pairs, in which no renderer and no simulated camera had part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from diagnosis.withheld import alignment, fixed_pattern, imager, lens, psf, readout, speckle
+from diagnosis.withheld.catalogue import Strengths
+from diagnosis.withheld.chain import Pair
+from diagnosis.withheld.draws import Draws
+from diagnosis.withheld.errors import refusal
+from diagnosis.withheld.nominal import Nominal
+from diagnosis.withheld.readout import Codes
+
+Image = NDArray[np.float64]
+
+EFFECTS = frozenset(
+    {
+        "lens_blur",
+        "vertical_offset",
+        "roll",
+        "disparity_offset",
+        "gain",
+        "read_noise",
+        "vignetting",
+        "veil",
+        "crosstalk",
+        "laser_speckle",
+        "column_noise",
+        "hot_pixels",
+        "gamma",
+        "black_level",
+        "smoothing",
+        "decimation",
+    }
+)
+_OPTICAL = ("lens_blur", "vignetting", "veil", "crosstalk")
+_DOT_PX = 9  # What is narrower than this and brighter than what is beside it is a dot.
+_PROBE_PX = 6.0  # Over which the noise that an operation leaves is averaged.
+_PROBE_LIFT = 8.0  # Keeps the probe's noise above 0, where resampling clips.
+
+
+def inject(
+    left_dn: Codes,
+    right_dn: Codes,
+    settings: Mapping[str, float],
+    nominal: Nominal,
+    *,
+    seed: int,
+    scene: str = "",
+    frame: int = 0,
+) -> Pair:
+    """Put effects into a real pair.
+
+    The real noise stays. Blurring and resampling a picture would average it away, which no lens
+    does: what the photon transfer of `nominal` says is missing is put back. An effect's own noise
+    comes on top of the real one. Of `read_noise` and `lens_blur` what exceeds `nominal`'s is added,
+    in quadrature.
+
+    Args:
+        left_dn: Left image (h, w) [DN].
+        right_dn: Right image.
+        settings: Strengths of effects of `EFFECTS`.
+        nominal: The real camera as far as it is known; its black level must be the images'.
+        seed: Of all draws.
+        scene: Name of the scene, for draws that are the scene's.
+        frame: Number of the frame.
+
+    Returns:
+        The pair with effects; equal to the one given where every effect is at its neutral.
+
+    Raises:
+        WithheldError: if an effect is not of `EFFECTS`, a blur would have to be undone, or an image
+            is not of the nominal size.
+    """
+    for name in settings:
+        if name not in EFFECTS:
+            raise refusal("injected effect", f"must be one of {sorted(EFFECTS)}", name, "Leave it.")
+    for image in (left_dn, right_dn):
+        if image.shape != nominal.shape:
+            raise refusal("image", f"must be of shape {nominal.shape}", image.shape, "See nominal.")
+    strengths = Strengths(nominal=nominal, values=settings)
+    for name in ("lens_blur", "read_noise"):
+        if strengths.of(name) < Strengths(nominal=nominal, values={}).of(name):
+            raise refusal(name, "must not be below nominal", settings[name], "It cannot be undone.")
+    draws = Draws(seed=seed, scene=scene, frame=frame)
+    left = _Injection(strengths=strengths, side="left", draws=draws).into(left_dn)
+    return Pair(
+        left=left, right=_Injection(strengths=strengths, side="right", draws=draws).into(right_dn)
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Injection:
+    strengths: Strengths
+    side: str
+    draws: Draws
+
+    def into(self, image_dn: Codes) -> Codes:
+        if not any(self.strengths.acting(name) for name in EFFECTS):
+            return image_dn
+        nominal = self.strengths.nominal
+        signal = image_dn.astype(np.float64) - nominal.black_level_dn
+        signal = self._grain(signal)
+        signal = self._through_optics(signal)
+        signal = self._electronics(signal * (self.strengths.of("gain") / nominal.gain))
+        ceiling = readout.top(self.strengths)
+        if self.strengths.acting("gamma"):
+            signal = readout.tone(signal, self.strengths.of("gamma"), ceiling)
+        dn = np.clip(signal + self.strengths.of("black_level"), 0.0, ceiling)
+        dn = readout.smooth(dn, self.strengths.of("smoothing"))
+        return readout.whole(binned(dn, round(self.strengths.of("decimation"))), nominal.bit_depth)
+
+    def _grain(self, signal: Image) -> Image:
+        contrast = self.strengths.of("laser_speckle")
+        if contrast == 0.0:
+            return signal
+        rng = self.draws.of_scene(f"{self.side}/injected speckle")
+        factor = speckle.grain(signal.shape, contrast, self.strengths.nominal, rng)
+        return signal + dots_alone(signal) * (factor - 1.0)
+
+    def _through_optics(self, signal: Image) -> Image:
+        """Apply what is linear, and put back the noise that it took away."""
+        moved = alignment.of_side(self.side, self.strengths) != alignment.Alignment()
+        if not moved and not any(self.strengths.acting(name) for name in _OPTICAL):
+            return signal
+        seen = self._optics(signal)
+        rng = self.draws.of_frame(f"{self.side}/injected optics")
+        probe = rng.standard_normal(signal.shape)
+        lift = np.full(signal.shape, _PROBE_LIFT)
+        left = self._optics(probe + lift) - self._optics(lift)
+        share = ndimage.gaussian_filter(left**2, _PROBE_PX)
+        missing = self._variance(seen) - share * self._variance(signal)
+        return seen + np.sqrt(np.clip(missing, 0.0, None)) * rng.standard_normal(signal.shape)
+
+    def _optics(self, signal: Image) -> Image:
+        nominal = self.strengths.nominal
+        exponent = self.strengths.of("vignetting")
+        if exponent != 0.0:
+            signal = signal * lens.vignetting(nominal, exponent)
+        added_px = (self.strengths.of("lens_blur") ** 2 - nominal.lens_blur_px**2) ** 0.5
+        signal = psf.blur(signal, psf.kernel("disc", added_px))
+        signal, glare = lens.veil(signal, np.zeros_like(signal), self.strengths.of("veil"))
+        where = alignment.of_side(self.side, self.strengths)
+        black = nominal.black_level_dn  # Landing cuts off what is below 0, and noise is.
+        landed = alignment.land(signal + glare + black, where, nominal) - black
+        return imager.share_charge(landed, self.strengths.of("crosstalk"))
+
+    def _variance(self, signal: Image) -> Image:
+        """Temporal variance [DN^2] of the real camera at a signal: photon transfer."""
+        nominal = self.strengths.nominal
+        dn_per_e = nominal.dn_per_e * nominal.gain
+        level = ndimage.gaussian_filter(np.clip(signal, 0.0, None), 1.0)
+        shot = nominal.shot_noise**2 * dn_per_e * level
+        return shot + (dn_per_e * nominal.read_noise_e) ** 2
+
+    def _electronics(self, signal: Image) -> Image:
+        strengths = self.strengths
+        dn_per_e = readout.dn_per_e(strengths)
+        charge_e = signal / dn_per_e
+        added_e = (strengths.of("read_noise") ** 2 - strengths.nominal.read_noise_e**2) ** 0.5
+        if added_e != 0.0:
+            rng = self.draws.of_frame(f"{self.side}/injected read")
+            charge_e = charge_e + added_e * rng.standard_normal(signal.shape)
+        charge_e = fixed_pattern.add_offsets(charge_e, strengths, self.side, self.draws)
+        hot_share = strengths.of("hot_pixels")
+        if hot_share != 0.0:
+            rng = self.draws.of_device(f"{self.side}/hot_pixels")
+            hot = fixed_pattern.full(signal.shape, hot_share, rng)
+            charge_e = np.where(hot, strengths.of("saturation"), charge_e)
+        return charge_e * dn_per_e
+
+
+def dots_alone(signal: Image) -> Image:
+    """What of an image (h, w) is dots, as far as can be told: what a wide opening removes."""
+    ground = ndimage.grey_opening(signal, (_DOT_PX, _DOT_PX))
+    ground = ndimage.gaussian_filter(ground, 0.5 * _DOT_PX)
+    return np.clip(signal - ground, 0.0, None)
+
+
+def binned(dn: Image, side: int) -> Image:
+    """Mean of blocks of side x side pixels, the image keeping its size."""
+    if side <= 1:
+        return dn
+    height, width = dn.shape
+    padded = np.pad(dn, ((0, -height % side), (0, -width % side)), mode="edge")
+    rows, columns = padded.shape[0] // side, padded.shape[1] // side
+    mean = padded.reshape(rows, side, columns, side).mean((1, 3))
+    return np.repeat(np.repeat(mean, side, 0), side, 1)[:height, :width]

@@ -1,0 +1,85 @@
+"""What a lens does to light before pixels count it: spots, dim corners, veil."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+from scipy.optimize import brentq
+
+from diagnosis.withheld import psf, spread
+from diagnosis.withheld.catalogue import Strengths
+from diagnosis.withheld.light import Image, View
+from diagnosis.withheld.nominal import Nominal
+
+_VEIL_WIDTH = 0.75  # Deviation of the scattered light's spread, over the image's longer side.
+
+
+def focus(light_e: Image, view: View, strengths: Strengths) -> Image:
+    """Blur light (h, w) by the lens's spot.
+
+    The nominal lens has a Gaussian spot. What an effect adds to its variance comes as a disc, the
+    spot of a defocused round aperture; what it takes away narrows the Gaussian.
+    """
+    nominal_px = strengths.nominal.lens_blur_px
+    narrow_px = min(nominal_px, strengths.of("lens_blur"))
+    sharp = psf.blur(light_e, psf.kernel("gaussian", narrow_px))
+    return spread.scatter(sharp, added_blur_px(view, strengths), "disc")
+
+
+def added_blur_px(view: View, strengths: Strengths) -> NDArray[np.float64]:
+    """Root of the variance (h, w) [px] that lens blur, corner blur and defocus add.
+
+    Light is spread from where it comes from, so that a near body's blur reaches over a far one
+    behind it (Potmesil and Chakravarty 1982, eqs. 1 to 5).
+    """
+    nominal = strengths.nominal
+    focus_m = strengths.second("near_defocus.focus_m", nominal.lens_focus_m)
+    even = max(strengths.of("lens_blur") ** 2 - nominal.lens_blur_px**2, 0.0)
+    corner = (strengths.of("corner_blur") * nominal.radius()) ** 2
+    inverse_m = np.nan_to_num(1.0 / view.depth_m)  # Where nothing is seen it is far.
+    near = (strengths.of("near_defocus") * (inverse_m - 1.0 / focus_m)) ** 2
+    return np.sqrt(even + corner + near)
+
+
+def vignetting(nominal: Nominal, exponent: float) -> NDArray[np.float64]:
+    """Factor (h, w) by which a lens dims light off its axis.
+
+    Two equal round stops some way apart, in place of cos^n: off the axis one covers part of the
+    other, as far as two circles overlap (Smith, Modern Optical Engineering, ch. 6). The circles'
+    shift grows with the tangent and is such that the image's farthest corner has the page's cos^n.
+    """
+    across, down = nominal.tangents()
+    tangent = np.hypot(across, down)
+    farthest = float(tangent.max())
+    corner = (1.0 + farthest**2) ** (-0.5 * exponent)
+    shift = brentq(lambda apart: float(_overlap(np.array(apart))) - corner, 0.0, 2.0)
+    assert isinstance(shift, float)
+    return _overlap(shift * tangent / farthest)
+
+
+def veil(laser_e: Image, rest_e: Image, share: float) -> tuple[Image, Image]:
+    """Scatter a share of all light over the image.
+
+    The page spreads it evenly; here it is spread by a Gaussian so wide that it is nearly even, with
+    mirrors at the border, so that the mean stays.
+
+    Returns:
+        What stays of the laser's light, and all other light with the veil (h, w).
+    """
+    if share == 0.0:
+        return laser_e, rest_e
+    sigma = _VEIL_WIDTH * max(laser_e.shape)
+    waves = np.asarray(fft.dctn(laser_e + rest_e))  # Cosines have mirrors at the border.
+    down, across = (np.pi * np.arange(n) / n for n in laser_e.shape)
+    waves *= np.exp(-0.5 * sigma**2 * (down[:, None] ** 2 + across[None, :] ** 2))
+    glare = np.asarray(fft.idctn(waves))
+    return (1.0 - share) * laser_e, (1.0 - share) * rest_e + share * glare
+
+
+def _overlap(apart: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share of a circle of radius 1 that another one covers, their centres `apart`."""
+    half = np.clip(0.5 * apart, 0.0, 1.0)
+    return (2.0 / math.pi) * (np.arccos(half) - half * np.sqrt(1.0 - half**2))

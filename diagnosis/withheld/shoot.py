@@ -1,0 +1,119 @@
+"""A case's captures on disk: infrared pairs of every scene, and effects on depth matched since."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from diagnosis.withheld import chain, depth_filters, dots, light, nominal
+from diagnosis.withheld.case import Case
+from diagnosis.withheld.catalogue import Strengths
+from diagnosis.withheld.dots import Dots
+from diagnosis.withheld.draws import Draws
+from diagnosis.withheld.errors import refusal
+from diagnosis.withheld.light import Light
+from diagnosis.withheld.nominal import Nominal
+from sim import capture
+
+_OF_SET = ("capture.toml",)
+_OF_SCENE = ("capture.toml", "truth.png", "room", "scene.toml")
+_LAST_CODE = 65535
+_NEED_DOTS = ("dropped_dots", "shifted_dots")
+
+
+def shoot(light_folder: Path, case: Case, out: Path, frames: int = 1) -> tuple[str, ...]:
+    """Take infrared pairs of all scenes with one case's camera.
+
+    Writes `out/SCENE/N/ir_left.png` and `ir_right.png` and copies what everybody may know of set
+    and scene; nothing in `out` tells of the case.
+
+    Args:
+        light_folder: Holds nominal.json and scene folders with light.npz.
+        case: The camera.
+        out: New or empty folder.
+        frames: Frames of each scene.
+
+    Returns:
+        Names of the scenes.
+
+    Raises:
+        WithheldError: if `out` holds something, there is no scene, frames is below 1, or a file or
+            setting cannot be used.
+    """
+    if frames < 1:
+        raise refusal("frames", "must be >= 1", frames, "Give how many of each scene.")
+    if out.exists() and any(out.iterdir()):
+        raise refusal("out", "must be empty", out, "Give a new folder.")
+    camera = nominal.read(light_folder / nominal.FILE)
+    strengths = Strengths(nominal=camera, values=case.settings)
+    scenes = sorted(path.parent for path in light_folder.glob(f"*/{light.FILE}"))
+    if not scenes:
+        raise refusal(
+            "light folder", f"must hold SCENE/{light.FILE}", light_folder, "Make the light first."
+        )
+    found = Dots(tangents=np.empty((0, 2)))
+    if any(strengths.acting(name) for name in _NEED_DOTS):
+        found = dots.gather(_lights(scenes, camera), camera.fx_px)
+    _copy(light_folder, out, _OF_SET)
+    for folder, seen in zip(scenes, _lights(scenes, camera), strict=True):
+        _copy(folder, out / folder.name, _OF_SCENE)
+        for frame in range(frames):
+            draws = Draws(seed=case.seed, scene=folder.name, frame=frame)
+            pair = chain.expose(seen, strengths, found, draws)
+            _write(out / folder.name / str(frame) / "ir_left.png", pair.left)
+            _write(out / folder.name / str(frame) / "ir_right.png", pair.right)
+    return tuple(folder.name for folder in scenes)
+
+
+def post(out: Path, case: Case, camera: Nominal) -> None:
+    """Apply a case's effects on matched depth to every depth.png of a capture set, in place.
+
+    Args:
+        out: A capture set with `depth.png` in its frames, which another program has matched.
+        case: The camera.
+        camera: Its nominal settings: focal length times baseline turn depth into disparity.
+
+    Raises:
+        InputError: if the set is damaged.
+    """
+    strengths = Strengths(nominal=camera, values=case.settings)
+    captures = capture.open_set(out)
+    for scene in captures.scenes:
+        read = {number: scene.frame(number).depth_m for number in scene.frames}
+        matched = {number: depth_m for number, depth_m in read.items() if depth_m is not None}
+        maps = [depth_m.astype(np.float64) for depth_m in matched.values()]
+        if not maps:
+            continue
+        processed = depth_filters.process(maps, strengths)
+        for number, before, depth_m in zip(matched, maps, processed, strict=True):
+            if depth_m is not before:
+                code = np.nan_to_num(np.rint(depth_m / captures.info.depth_unit_m))
+                code = np.where((code >= 1) & (code <= _LAST_CODE), code, 0).astype(np.uint16)
+                _write(scene.path / str(number) / "depth.png", code)
+
+
+def _lights(scenes: list[Path], camera: Nominal) -> Iterator[Light]:
+    """Read one scene after the other, so that one at a time is held."""
+    for folder in scenes:
+        yield light.read(folder / light.FILE, camera.shape)
+
+
+def _copy(folder: Path, to: Path, names: tuple[str, ...]) -> None:
+    to.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        if os.path.lexists(folder / name):
+            shutil.copyfile(folder / name, to / name)
+
+
+def _write(path: Path, image: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    done, png = cv2.imencode(".png", image)
+    assert done  # Images of whole codes always can be.
+    part = path.with_name(f".{path.name}.part")
+    part.write_bytes(png.tobytes())
+    part.replace(path)

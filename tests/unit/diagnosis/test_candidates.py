@@ -1,0 +1,53 @@
+"""Which effects may have made a gap, and at which strengths they are simulated."""
+
+from __future__ import annotations
+
+import pytest
+
+from diagnosis.candidates import Arm, candidates, nodes
+from sim import effects, sensors
+from sim.effects import setting
+from sim.effects.effect import Stage
+from sim.scenes import builtin
+
+SENSOR = sensors.load("d435")
+SCENE = builtin.clutter(1)
+ALL = [one for arm in Arm for one in candidates(SENSOR, SCENE, arm)]
+
+
+def test_every_arm_has_the_effects_of_its_stages():
+    late = (Stage.MATCHER, Stage.POST)
+    for one in ALL:
+        assert (one.effect.stage in late) == (one.arm is Arm.DEPTH)
+    rows = {one.effect.name for one in ALL}
+    missing = {row.name for row in effects.table()} - rows
+    assert missing == {"rolling_shutter", "temporal_filter", "decimation", "registration"}
+
+
+def test_components_of_a_vector_are_candidates_of_their_own():
+    names = {one.name for one in ALL}
+    assert {"model_turn", "model_turn.y", "model_turn.z", "lens_blur"} <= names
+    assert "specular.roughness" not in names
+
+
+@pytest.mark.parametrize("one", ALL, ids=lambda one: one.name)
+def test_nodes_depart_from_the_base_and_stay_in_the_range(one):
+    parameter = setting.parameter_of(one.name)[1]
+    assert one.base not in one.nodes and len(set(one.nodes)) == len(one.nodes) >= 1
+    if not parameter.choices:
+        assert list(one.nodes) == sorted(one.nodes)
+        low, high = parameter.low, parameter.high
+        inside = [low <= value <= high for value in one.nodes if value != 0]
+        assert all(inside)
+
+
+def test_a_strength_of_both_signs_departs_to_both_sides():
+    parameter = setting.parameter_of("vertical_offset")[1]
+    values = nodes(parameter, 0.0)
+    assert values == tuple(-value for value in reversed(values))
+    assert values[-1] == 1.5 and values[5] == pytest.approx(0.05)
+
+
+def test_a_strength_that_is_there_already_may_be_none():
+    parameter = setting.parameter_of("vignetting")[1]
+    assert 0.0 in nodes(parameter, 4.0) and 0.0 not in nodes(parameter, 0.0)

@@ -1,0 +1,179 @@
+"""Cases: the table, the lot, and the seal."""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from diagnosis.withheld import case, seal
+from diagnosis.withheld.case import Case, draw
+from diagnosis.withheld.catalogue import ROWS, SECONDARY, Strengths
+from diagnosis.withheld.errors import WithheldError
+from diagnosis.withheld.nominal import Nominal
+
+PAGES = Path(__file__).parents[4] / "docs" / "effects"
+COUNTS: dict[case.CaseKind, int] = {"null": 4, "single": 90, "pair": 12, "unknown": 9}
+
+
+def test_rows_are_called_as_their_pages() -> None:
+    pages = {path.stem for path in PAGES.glob("*.md")}
+    for row in ROWS.values():
+        assert (row.name in pages) == (row.kind != "outside"), row.name
+    assert len([row for row in ROWS.values() if row.kind == "outside"]) >= 8
+
+
+def test_families_are_those_of_the_index() -> None:
+    index = (PAGES / "index.md").read_text(encoding="utf-8")
+    for row in ROWS.values():
+        if row.kind != "outside":
+            assert f"({row.name}.md) | {row.family} |" in index, row.name
+
+
+def test_units_are_those_of_the_pages() -> None:
+    for row in ROWS.values():
+        if row.kind == "outside":
+            continue
+        page = (PAGES / f"{row.name}.md").read_text(encoding="utf-8")
+        first = page.split("| --- | --- | --- | --- | --- |\n")[1].splitlines()[0]
+        assert first.split("|")[5].strip() == row.unit, row.name
+
+
+@pytest.mark.parametrize("name", [r.name for r in ROWS.values() if r.scale != "choice"])
+@given(share=st.floats(0.0, 1.0))
+@settings(max_examples=10)
+def test_departures_go_there_and_back(name: str, share: float, camera: Nominal) -> None:
+    row = ROWS[name]
+    assert row.low < row.high
+    for sign in row.signs:
+        departure = share * row.reach(camera, sign)
+        value = row.value(camera, departure, sign)
+        assert row.departure(camera, value) == pytest.approx(departure, rel=1e-6, abs=1e-9)
+        assert row.least - 1e-9 <= value <= row.most + 1e-9
+
+
+def test_the_lot(camera: Nominal) -> None:
+    drawn = draw(camera, COUNTS, entropy=7)
+    assert [each.number for each in drawn] == list(range(115))
+    kinds = [each.kind for each in drawn]
+    assert {kind: kinds.count(kind) for kind in COUNTS} == COUNTS
+    assert kinds[:4] != ["null"] * 4
+    assert len({each.seed for each in drawn}) == len(drawn)
+    singles = collections.Counter(next(iter(c.settings)) for c in drawn if c.kind == "single")
+    assert max(singles.values()) - min(singles.values()) <= 1
+    for each in drawn:
+        Strengths(nominal=camera, values=each.settings)
+        rows = [ROWS[name] for name in each.settings]
+        assert len(rows) == {"null": 0, "single": 1, "pair": 2, "unknown": 1}[each.kind]
+        assert len({row.family for row in rows}) == len(rows)
+        for row in rows:
+            assert (row.kind == "outside") == (each.kind == "unknown")
+            departure = row.departure(camera, each.settings[row.name])
+            assert row.low * (1 - 1e-9) <= max(departure, row.low)
+            assert departure > 0
+
+
+def test_strengths_are_log_uniform_from_the_limit(camera: Nominal) -> None:
+    limit = {"vertical_offset": 0.3}
+    others = [row.name for row in ROWS.values() if row.name != "vertical_offset"]
+    drawn = draw(camera, {"single": 800}, limits=limit, leave_out=others, entropy=1)
+    values = np.array([each.settings["vertical_offset"] for each in drawn])
+    assert abs(np.mean(values > 0) - 0.5) < 0.06
+    place = np.log(np.abs(values) / 0.3) / math.log(1.5 / 0.3)
+    assert place.min() > 0 and place.max() < 1
+    assert np.mean(place) == pytest.approx(0.5, abs=0.04)
+    assert np.var(place) == pytest.approx(1 / 12, rel=0.12)
+
+
+def test_other_kinds_of_effects_can_be_drawn(camera: Nominal) -> None:
+    drawn = draw(camera, {"single": 60}, kinds=("post", "matcher"), entropy=1)
+    assert {ROWS[name].kind for each in drawn for name in each.settings} == {"post", "matcher"}
+    for each in drawn:
+        Strengths(nominal=camera, values=each.settings)
+
+
+def test_the_system_draws_unless_told(camera: Nominal) -> None:
+    assert draw(camera, {"null": 3}) != draw(camera, {"null": 3})
+    assert draw(camera, COUNTS, entropy=3) == draw(camera, COUNTS, entropy=3)
+
+
+def test_what_the_camera_cannot_show_is_not_drawn(camera: Nominal) -> None:
+    dark = dataclasses.replace(camera, ambient_w_m2=0.0)
+    drawn = draw(dark, {"single": 200}, entropy=2)
+    assert not any("ambient_gradient" in each.settings for each in drawn)
+    assert all(each.settings.get("ambient", 1.0) > 0 for each in drawn)
+
+
+def test_json_there_and_back(camera: Nominal) -> None:
+    drawn = draw(camera, COUNTS, entropy=7)
+    assert case.loads(case.dumps(drawn)) == drawn
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"lens_blurr": 1.0}, "effect must be one of the table; got lens_blurr"),
+        ({"lens_blur": math.nan}, "lens_blur must be finite; got nan"),
+        ({"lens_blur": -1.0}, "lens_blur must not be below its range; got -1.0"),
+        ({"exposure": 0.0}, "exposure must not be below its range; got 0.0"),
+        ({"veil": 1.5}, "veil must be at most 1; got 1.5"),
+        ({"median": 4}, "median must be one of"),
+        ({"range.far_m": math.inf}, "range.far_m must be finite; got inf"),
+    ],
+)
+def test_refused_strengths(values: dict[str, float], words: str, camera: Nominal) -> None:
+    with pytest.raises(WithheldError, match=words):
+        Strengths(nominal=camera, values=values)
+
+
+def test_second_parameters(camera: Nominal) -> None:
+    strengths = Strengths(nominal=camera, values={"range.far_m": 3.0})
+    assert strengths.second("range.far_m") == 3.0
+    assert strengths.second("near_defocus.focus_m", 1.7) == 1.7
+    assert {name.split(".")[0] for name in SECONDARY} <= set(ROWS)
+
+
+def test_refused_cases(camera: Nominal) -> None:
+    with pytest.raises(WithheldError, match="kind must be one of"):
+        Case(number=0, kind="triple", seed=1)  # type: ignore[arg-type]
+    with pytest.raises(WithheldError, match="number and seed must be >= 0"):
+        Case(number=-1, kind="null", seed=1)
+    with pytest.raises(WithheldError, match="count of pair must be >= 0"):
+        draw(camera, {"pair": -1})
+    with pytest.raises(WithheldError, match="must have effects to draw from"):
+        draw(camera, {"single": 1}, kinds=())
+    for text in ("{", '[{"number": 1}]', "[3]"):
+        with pytest.raises(WithheldError, match="cases must be a JSON list"):
+            case.loads(text)
+    with pytest.raises(WithheldError, match="effect must be one of the table"):
+        case.loads('[{"number": 1, "kind": "null", "settings": {"x": 1}, "seed": 2}]')
+
+
+def test_a_seal_holds(tmp_path: Path, camera: Nominal) -> None:
+    hidden, public = tmp_path / "hidden", tmp_path / "public"
+    drawn = draw(camera, COUNTS, entropy=7)
+    digest = seal.seal(drawn, hidden, public)
+    assert (public / "truth.sha256").read_text() == f"{digest}  truth.json\n"
+    assert [path.name for path in public.iterdir()] == ["truth.sha256"]
+    assert seal.verify(hidden, public) == drawn
+
+
+def test_broken_seals(tmp_path: Path, camera: Nominal) -> None:
+    hidden, public = tmp_path / "hidden", tmp_path / "public"
+    with pytest.raises(WithheldError, match="must have a truth and a fingerprint"):
+        seal.verify(hidden, public)
+    with pytest.raises(WithheldError, match="must be two folders"):
+        seal.seal((), hidden, hidden)
+    seal.seal(draw(camera, {"null": 2}), hidden, public)
+    with pytest.raises(WithheldError, match="seal must not be broken"):
+        seal.seal((), hidden, tmp_path / "other")
+    truth = hidden / "truth.json"
+    truth.write_text(truth.read_text().replace("null", "pair", 1))
+    with pytest.raises(WithheldError, match="truth must be the one sealed"):
+        seal.verify(hidden, public)

@@ -1,0 +1,103 @@
+"""The matcher's last steps on a finished map."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from diagnosis.withheld import disparity_filters as filters
+
+NAN = np.nan
+
+
+def _map(seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    d = 20.0 + rng.normal(0, 0.3, (24, 30))
+    d[rng.random(d.shape) < 0.1] = NAN
+    return d
+
+
+@pytest.mark.parametrize(
+    "do",
+    [
+        lambda d: filters.in_search(d, 0.0, 0),
+        lambda d: filters.median(d, 0),
+        lambda d: filters.smoothing_mean(d, 0, 1.0),
+        lambda d: filters.lock(d, 0.0),
+        lambda d: filters.steps(d, 0.0),
+        lambda d: filters.clear_edges(d, 0.0),
+        lambda d: filters.without_islands(d, 0, 1.0),
+    ],
+)
+def test_off_is_the_very_map(do) -> None:
+    d = _map()
+    assert do(d) is d
+
+
+def test_search_keeps_what_is_inside() -> None:
+    d = np.array([[3.9, 4.0, 4.1, 18.9, 19.0, 30.0, NAN]])
+    kept = np.isfinite(filters.in_search(d, 4.0, 16))
+    assert kept.tolist() == [[False, False, True, True, False, False, False]]
+    assert np.isfinite(filters.in_search(d, 4.0, 0))[0, 5]
+
+
+@pytest.mark.parametrize("side", [3, 5])
+def test_median_is_of_the_valid_neighbours(side: int) -> None:
+    d = _map()
+    out = filters.median(d, side)
+    np.testing.assert_array_equal(np.isnan(out), np.isnan(d))
+    padded = np.pad(d, side // 2, constant_values=NAN)
+    for row, column in ((0, 0), (10, 12), (23, 29)):
+        if np.isfinite(d[row, column]):
+            window = padded[row : row + side, column : column + side]
+            assert out[row, column] == pytest.approx(np.nanmedian(window))
+
+
+def test_mean_stops_at_jumps() -> None:
+    d = np.full((20, 20), 10.0)
+    d[:, 10:] = 14.0
+    d += np.random.default_rng(0).normal(0, 0.2, d.shape)
+    d[5, 5] = NAN
+    out = filters.smoothing_mean(d, 5, 1.0)
+    assert out[:, :10][np.isfinite(out[:, :10])].max() < 11.0
+    assert out[:, 10:].min() > 13.0
+    assert np.nanstd(out[5:15, 2:8]) < 0.5 * np.nanstd(d[5:15, 2:8])
+    assert np.isnan(out[5, 5]) and np.isnan(out).sum() == 1
+
+
+@given(amplitude=st.floats(-0.15, 0.15))
+def test_locking_is_a_sine_of_the_fraction(amplitude: float) -> None:
+    d = np.linspace(10.0, 12.0, 201)[None]
+    error = filters.lock(d, amplitude) - d
+    np.testing.assert_allclose(error, -amplitude * np.sin(2 * np.pi * d), atol=1e-12)
+
+
+def test_steps() -> None:
+    out = filters.steps(np.array([[1.1, 1.13, NAN]]), 0.25)
+    assert out[0, :2].tolist() == [1.0, 1.25]
+    assert np.isnan(out[0, 2])
+
+
+def test_edges_are_cleared_on_every_side() -> None:
+    d = np.full((12, 12), 5.0)
+    d[4:8, 4:8] = 9.0
+    d[0, 0] = NAN
+    out = filters.clear_edges(d, 2.0)
+    assert np.isnan(out[3, 5]) and np.isnan(out[4, 5])
+    assert out[2, 5] == 5.0 and out[5, 5] == 9.0
+    assert out[1, 1] == 5.0
+
+
+def test_islands_by_count() -> None:
+    """At most `count` pixels go, one more stay; a step above the limit parts islands."""
+    d = np.full((10, 30), NAN)
+    d[2:4, 2:5] = 7.0  # Six pixels.
+    d[2:4, 10:17] = 7.0
+    d[2, 10] = 20.0  # One pixel off, so that thirteen stay.
+    out = filters.without_islands(d, 6, 1.0)
+    assert np.isnan(out[2:4, 2:5]).all()
+    assert np.isnan(out[2, 10])
+    assert np.isfinite(out).sum() == 13
+    assert np.isfinite(filters.without_islands(d, 5, 1.0)).sum() == 19

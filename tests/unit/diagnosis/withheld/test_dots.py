@@ -1,0 +1,111 @@
+"""Dots one by one: found where they are, and the same dot in both imagers."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+
+from diagnosis.withheld import dots
+from diagnosis.withheld.dots import Dots
+from diagnosis.withheld.draws import Draws
+from diagnosis.withheld.light import Light, View
+from diagnosis.withheld.nominal import Nominal
+
+
+def _rng() -> np.random.Generator:
+    return Draws(seed=2).of_device("projector/dropped")
+
+
+def _seen(directions: np.ndarray, view: View) -> np.ndarray:
+    """Dots whose middle one view shows."""
+    pixels = np.stack([view.px, view.py], -1)[np.isfinite(view.px)]
+    return directions[KDTree(pixels).query(directions)[0] < 0.005]
+
+
+def test_dots_are_found_where_they_are(
+    light: Light, found: Dots, dot_directions: np.ndarray
+) -> None:
+    seen = _seen(dot_directions, light.left)
+    away = KDTree(found.tangents).query(seen)[0]
+    assert np.median(away) < 0.5 / 120
+    assert np.mean(away < 1.0 / 120) > 0.9
+    assert len(found.tangents) == pytest.approx(
+        len(dot_directions[_inside(dot_directions)]), rel=0.3
+    )
+
+
+def _inside(directions: np.ndarray) -> np.ndarray:
+    return (np.abs(directions[:, 0]) < 0.42) & (np.abs(directions[:, 1]) < 0.27)
+
+
+def test_a_share_of_the_dots_goes_with_its_light(light: Light, found: Dots) -> None:
+    shares = []
+    for seed in range(20):
+        rng = Draws(seed=seed).of_device("projector/dropped")
+        view = dots.dropped(light.left, found, 0.4, rng)
+        shares.append(1.0 - view.laser_e.sum() / light.left.laser_e.sum())
+    assert np.mean(shares) == pytest.approx(0.4, abs=0.03)
+    assert dots.dropped(light.left, found, 0.0, _rng()) is light.left
+
+
+def test_the_same_dots_are_dark_in_both_imagers(light: Light, found: Dots) -> None:
+    """Expected behaviour: a direction dark in one view is dark in the other."""
+    views = [dots.dropped(view, found, 0.5, _rng()) for view in (light.left, light.right)]
+    samples = []
+    for view in views:
+        on = dots.lit(view)
+        tree = KDTree(np.stack([view.px[on], view.py[on]], 1))
+        away, at = tree.query(found.tangents)
+        samples.append(np.where(away < 0.005, dots.pattern(view)[on][at], np.nan))
+    both = np.isfinite(samples[0]) & np.isfinite(samples[1])
+    assert both.sum() > 50
+    assert np.mean((samples[0] == 0)[both] == (samples[1] == 0)[both]) > 0.97
+
+
+def test_shifts_have_the_pages_deviation(light: Light, camera: Nominal, found: Dots) -> None:
+    """Results: centroids of isolated dots move by f sigma, on both axes."""
+    even = np.full(camera.shape, 100.0)
+    across, down = camera.tangents()
+    grid = np.stack(np.meshgrid(np.arange(-0.35, 0.36, 0.1), np.arange(-0.2, 0.21, 0.1)), -1)
+    few = Dots(tangents=grid.reshape(-1, 2))
+    bright = np.zeros(camera.shape)
+    for x, y in few.tangents:
+        bright += np.exp(-((across - x) ** 2 + (down - y) ** 2) / (2 * 0.012**2))
+    view = dataclasses.replace(light.left, laser_e=even * bright, even_e=even, px=across, py=down)
+    moves = []
+    for seed in range(12):
+        rng = Draws(seed=seed).of_device("projector/shifted")
+        moved = dots.shifted(view, few, 8.0, camera.fx_px, rng)
+        assert moved.laser_e.sum() == pytest.approx(view.laser_e.sum(), rel=0.01)
+        owner = few.owner(view)
+        for number in range(len(few.tangents)):
+            cell = owner == number
+            before, after = view.laser_e[cell], moved.laser_e[cell]
+            for tangent in (across[cell], down[cell]):
+                move = np.average(tangent, weights=after) - np.average(tangent, weights=before)
+                moves.append(move * 1e3)
+    assert np.std(moves) == pytest.approx(8.0, rel=0.12)
+    assert np.mean(moves) == pytest.approx(0.0, abs=0.6)
+    assert dots.shifted(view, few, 0.0, camera.fx_px, _rng()) is view
+
+
+def test_a_second_pattern_falls_beside_the_first(light: Light) -> None:
+    view = dots.doubled(light.left, 0.5, (5.0, 0.0))
+    first, both = dots.pattern(light.left), dots.pattern(view)
+    inner = np.s_[20:60, 20:60]
+    expected = (first[:, 20:60] + 0.5 * first[:, 15:55])[20:60] / 1.5
+    assert np.median(np.abs(both[inner] - expected)) < 1e-9
+    assert dots.doubled(light.left, 0.0, (5.0, 0.0)) is light.left
+
+
+def test_no_dots_is_no_failure(light: Light, camera: Nominal) -> None:
+    dark = dataclasses.replace(light.left, laser_e=np.zeros(camera.shape))
+    night = dataclasses.replace(dark, even_e=np.zeros(camera.shape))
+    for view in (dark, night):
+        found = dots.gather([Light(left=view, right=view)], camera.fx_px)
+        assert len(found.tangents) == 0
+        assert not dots.dropped(view, found, 0.5, _rng()).laser_e.any()
+        assert not dots.shifted(view, found, 5.0, 120.0, _rng()).laser_e.any()

@@ -1,0 +1,165 @@
+"""Effects in real pairs: the real noise stays, the effect is the page's."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis.withheld import inject
+from diagnosis.withheld.catalogue import ROWS
+from diagnosis.withheld.chain import Pair
+from diagnosis.withheld.errors import WithheldError
+from diagnosis.withheld.nominal import Nominal
+
+SHAPE = (100, 150)
+
+
+@pytest.fixture
+def real(camera: Nominal) -> Nominal:
+    """A camera known well enough: 1 DN an electron over 50, black at 10 DN."""
+    return dataclasses.replace(
+        camera,
+        width=150,
+        height=100,
+        cx_px=74.5,
+        cy_px=49.5,
+        dn_per_e=0.05,
+        black_level_dn=10.0,
+        read_noise_e=30.0,
+        lens_blur_px=0.0,
+    )
+
+
+def _flat(real: Nominal, level_dn: float = 60.0, seed: int = 0) -> np.ndarray:
+    """An even image with the noise that the camera's photon transfer says."""
+    rng = np.random.default_rng(seed)
+    variance = 0.05 * level_dn + (0.05 * 30.0) ** 2
+    dn = 10.0 + level_dn + rng.normal(0, variance**0.5, SHAPE)
+    return np.clip(np.rint(dn), 0, 255).astype(np.uint8)
+
+
+def _into(image: np.ndarray, real: Nominal, right: np.ndarray | None = None, **values: Any) -> Pair:
+    return inject.inject(image, image if right is None else right, values, real, seed=5)
+
+
+@pytest.mark.parametrize("name", sorted(inject.EFFECTS))
+def test_neutral_gives_the_very_images(name: str, real: Nominal) -> None:
+    image = _flat(real)
+    pair = inject.inject(image, image, {name: ROWS[name].neutral_of(real)}, real, seed=5)
+    assert pair.left is image and pair.right is image
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("lens_blur", 1.2), ("crosstalk", 0.3), ("vignetting", 3.0), ("roll", 0.3), ("veil", 0.1)],
+)
+def test_noise_stays_as_photon_transfer_has_it(name: str, value: float, real: Nominal) -> None:
+    """Rationale: a lens blurs light and not noise; a picture that is blurred has less."""
+    outs = []
+    for frame in (0, 1):  # Their difference is noise alone.
+        image = _flat(real, seed=frame)
+        pair = inject.inject(image, image, {name: value}, real, seed=5, frame=frame)
+        outs.append(pair.right[20:80, 20:130].astype(float) - 10.0)
+    level = 0.5 * (outs[0] + outs[1]).mean()
+    variance = 0.05 * level + 1.5**2 + 1 / 12
+    assert (outs[0] - outs[1]).var() / 2 == pytest.approx(variance, rel=0.08)
+
+
+def test_blur_widens_a_line(real: Nominal) -> None:
+    """Law: the variance of a line's profile grows by sigma^2."""
+    quiet = dataclasses.replace(real, read_noise_e=0.0, shot_noise=0.0)
+    image = np.full(SHAPE, 10, np.uint8)
+    image[:, 75] = 250
+    image[:, 74] = image[:, 76] = 130
+    offset = np.arange(150) - 75
+
+    def variance(pixels: np.ndarray) -> float:
+        profile = pixels.astype(float).sum(0) - 10.0 * len(pixels)
+        return float((profile * offset**2).sum() / profile.sum())
+
+    out = _into(image, quiet, lens_blur=1.5).left
+    assert variance(out) - variance(image) == pytest.approx(2.25, rel=0.03)
+
+
+def test_shifts_are_of_the_right_image(real: Nominal) -> None:
+    y, x = np.mgrid[:100, :150]
+    spot = 20 + 200 * np.exp(-((x - 70) ** 2 + (y - 50) ** 2) / 50.0)
+    image = np.rint(spot).astype(np.uint8)
+    quiet = dataclasses.replace(real, read_noise_e=0.0, shot_noise=0.0)
+    pair = _into(image, quiet, vertical_offset=1.25, disparity_offset=-0.5)
+    np.testing.assert_array_equal(pair.left, image)
+    weight = pair.right.astype(float) - 20.0
+    assert (weight * y).sum() / weight.sum() == pytest.approx(51.25, abs=0.05)
+    assert (weight * x).sum() / weight.sum() == pytest.approx(69.5, abs=0.05)
+
+
+def test_gain_scales_above_black(real: Nominal) -> None:
+    out = _into(_flat(real), real, gain=1.5)
+    assert out.left.mean() == pytest.approx(10 + 1.5 * 60, abs=0.2)
+    assert out.left.std() / _flat(real).std() == pytest.approx(1.5, rel=0.05)
+
+
+def test_read_noise_is_added_in_quadrature(real: Nominal) -> None:
+    image = _flat(real)
+    out = _into(image, real, read_noise=80.0)
+    added = out.left.astype(float) - image
+    assert added.std() == pytest.approx(0.05 * (80.0**2 - 30.0**2) ** 0.5, rel=0.03)
+    other = out.right.astype(float) - image
+    assert abs(np.corrcoef(added.ravel(), other.ravel())[0, 1]) < 0.03
+
+
+def test_electronics_and_codes(real: Nominal) -> None:
+    image = _flat(real)
+    columns = _into(image, real, column_noise=40.0).left.mean(0) - image.mean(0)
+    assert columns.std() == pytest.approx(2.0, rel=0.2)
+    assert (_into(image, real, hot_pixels=0.01).left == 255).mean() == pytest.approx(0.01, rel=0.4)
+    assert _into(image, real, black_level=16.0).left.mean() == pytest.approx(76.0, abs=0.2)
+    lifted = 255 * (60 / 255) ** (1 / 2.0) + 10
+    assert _into(image, real, gamma=2.0).left.mean() == pytest.approx(lifted, abs=1.0)
+    assert _into(image, real, smoothing=1.0).left.std() < 0.4 * image.std()
+    vignetted = _into(image, real, vignetting=4.0).left
+    law = (1.0 + (74.5**2 + 49.5**2) / 120.0**2) ** -2
+    assert vignetted[:5, :5].mean() - 10.0 == pytest.approx(60.0 * law, rel=0.1)
+
+
+def test_decimation_makes_blocks(real: Nominal) -> None:
+    out = _into(_flat(real), real, decimation=3).left
+    assert (
+        out[:99, :150].reshape(33, 3, 50, 3) == out[:99:3, None, ::3, None].reshape(33, 1, 50, 1)
+    ).all()
+    assert out.shape == SHAPE
+
+
+def test_grain_is_of_dots_alone(real: Nominal) -> None:
+    """Expected behaviour: an even image keeps its noise; dots scatter by the contrast."""
+    quiet = np.full(SHAPE, 60, np.uint8)
+    np.testing.assert_array_equal(_into(quiet, real, laser_speckle=0.3).left, quiet)
+    dots = quiet.copy()
+    dots[4::7, 4::7] = 200
+    out = _into(dots, real, laser_speckle=0.2).left.astype(float)
+    assert (out[4::7, 4::7] - 60).std() / 140 == pytest.approx(0.2, rel=0.2)
+
+
+def test_draws_are_per_frame_or_per_scene(real: Nominal) -> None:
+    image = _flat(real)
+
+    def of(frame: int, scene: str, **values: float) -> np.ndarray:
+        return inject.inject(
+            image, image, values, real, seed=1, scene=scene, frame=frame
+        ).left.astype(float)
+
+    assert not np.array_equal(of(0, "a", read_noise=90.0), of(1, "a", read_noise=90.0))
+    np.testing.assert_array_equal(of(0, "a", column_noise=40.0), of(1, "b", column_noise=40.0))
+
+
+def test_refusals(real: Nominal) -> None:
+    image = _flat(real)
+    with pytest.raises(WithheldError, match="injected effect must be one of"):
+        _into(image, real, ambient=1.0)
+    with pytest.raises(WithheldError, match="image must be of shape"):
+        _into(image, real, right=image[:-1], gain=2.0)
+    with pytest.raises(WithheldError, match="lens_blur must not be below nominal"):
+        _into(image, dataclasses.replace(real, lens_blur_px=0.5), lens_blur=0.3)

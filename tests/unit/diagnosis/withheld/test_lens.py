@@ -1,0 +1,76 @@
+"""The lens: variances, the corner's dimming and the veil are the page's."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from diagnosis.withheld import lens
+from diagnosis.withheld.catalogue import Strengths
+from diagnosis.withheld.light import Light
+from diagnosis.withheld.nominal import Nominal
+
+
+def _point(camera: Nominal, row: int, column: int) -> np.ndarray:
+    image = np.zeros(camera.shape)
+    image[row, column] = 1.0
+    return image
+
+
+def _variance(image: np.ndarray, column: int) -> float:
+    offset = np.arange(image.shape[1]) - column
+    return float((image.sum(0) * offset**2).sum() / image.sum())
+
+
+@pytest.mark.parametrize("sigma_px", [0.0, 0.2, 0.4, 0.7, 1.5])
+def test_lens_blur_is_the_whole_spot(sigma_px: float, light: Light, camera: Nominal) -> None:
+    strengths = Strengths(nominal=camera, values={"lens_blur": sigma_px})
+    seen = lens.focus(_point(camera, 31, 47), light.left, strengths)
+    assert _variance(seen, 47) == pytest.approx(sigma_px**2, rel=1e-6, abs=1e-12)
+    assert seen.sum() == pytest.approx(1.0)
+
+
+def test_corner_blur_grows_with_the_square_of_the_radius(light: Light, camera: Nominal) -> None:
+    strengths = Strengths(nominal=camera, values={"corner_blur": 2.0})
+    added = lens.added_blur_px(light.left, strengths)
+    assert added[31, 47] < 0.05
+    x, y = 80 - camera.cx_px, 10 - camera.cy_px
+    assert added[10, 80] == pytest.approx(2.0 * np.hypot(x, y) / (0.5 * np.hypot(96, 64)))
+    seen = lens.focus(_point(camera, 12, 76), light.left, strengths)
+    assert _variance(seen, 76) == pytest.approx(0.16 + added[12, 76] ** 2, rel=0.01)
+
+
+def test_near_defocus_is_of_the_seen_depth(light: Light, camera: Nominal) -> None:
+    for focus_m in (1.0, 2.0):
+        values = {"near_defocus": 0.5, "near_defocus.focus_m": focus_m}
+        added = lens.added_blur_px(light.left, Strengths(nominal=camera, values=values))
+        np.testing.assert_allclose(added, np.nan_to_num(_law(light, focus_m), nan=0.5 / focus_m))
+
+
+def _law(light: Light, focus_m: float) -> np.ndarray:
+    return 0.5 * np.abs(1.0 / light.left.depth_m - 1.0 / focus_m)
+
+
+@pytest.mark.parametrize("exponent", [0.5, 2.0, 4.0])
+def test_vignetting_is_the_pages_in_middle_and_corner(exponent: float, camera: Nominal) -> None:
+    """Between both overlapping circles may differ from cos^n, but not by much."""
+    wide = dataclasses.replace(camera, fx_px=60.0, fy_px=60.0)
+    factor = lens.vignetting(wide, exponent)
+    across, down = wide.tangents()
+    law = (1.0 + across**2 + down**2) ** (-0.5 * exponent)
+    assert factor[0, 0] == pytest.approx(law[0, 0])
+    assert factor[31, 47] == pytest.approx(1.0, abs=0.02)
+    assert np.abs(factor - law).max() < 0.09
+
+
+def test_veil_keeps_the_mean_and_takes_its_share(camera: Nominal) -> None:
+    rng = np.random.default_rng(0)
+    laser, rest = rng.random(camera.shape), np.full(camera.shape, 3.0)
+    kept, veiled = lens.veil(laser, rest, 0.1)
+    np.testing.assert_allclose(kept, 0.9 * laser)
+    assert (kept + veiled).mean() == pytest.approx((laser + rest).mean())
+    spread = veiled - 0.9 * rest
+    assert spread.std() < 0.02 * spread.mean()
+    assert lens.veil(laser, rest, 0.0)[0] is laser

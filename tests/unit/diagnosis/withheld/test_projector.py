@@ -1,0 +1,113 @@
+"""The projector: each parameter is the page's, by other formulas."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from diagnosis.withheld import dots, projector
+from diagnosis.withheld.catalogue import Strengths
+from diagnosis.withheld.dots import Dots
+from diagnosis.withheld.draws import Draws
+from diagnosis.withheld.light import Light, View
+from diagnosis.withheld.nominal import Nominal
+
+NONE = Dots(tangents=np.empty((0, 2)))
+
+
+def _throw(view: View, camera: Nominal, **values: float) -> View:
+    return projector.throw(view, Strengths(nominal=camera, values=values), NONE, Draws(seed=0))
+
+
+@pytest.fixture
+def one_dot(light: Light, camera: Nominal) -> View:
+    """A point of light in the middle of an even wall at 1 m, seen straight on."""
+    across, down = camera.tangents()
+    laser = np.zeros(camera.shape)
+    laser[31, 47] = 900.0
+    return dataclasses.replace(
+        light.left,
+        laser_e=laser,
+        even_e=np.ones(camera.shape),
+        depth_m=np.ones(camera.shape),
+        px=across,
+        py=down,
+    )
+
+
+def _variance_px2(view: View) -> float:
+    offset = np.arange(view.laser_e.shape[1]) - 47
+    return float((view.laser_e.sum(0) * offset**2).sum() / view.laser_e.sum())
+
+
+@pytest.mark.parametrize("sigma_mrad", [2.0, 4.0, 12.0])
+def test_dot_blur_adds_its_variance_in_angle(
+    sigma_mrad: float, one_dot: View, camera: Nominal
+) -> None:
+    blurred = _throw(one_dot, camera, dot_blur=sigma_mrad)
+    assert _variance_px2(blurred) == pytest.approx((0.12 * sigma_mrad) ** 2, rel=0.03)
+    assert blurred.laser_e.sum() == pytest.approx(one_dot.laser_e.sum(), rel=0.01)
+
+
+def test_dot_blur_leaves_shading_and_shadow_sharp(light: Light, camera: Nominal) -> None:
+    flat = dataclasses.replace(light.left, laser_e=light.left.even_e)
+    np.testing.assert_allclose(_throw(flat, camera, dot_blur=4.0).laser_e, flat.even_e, rtol=1e-9)
+
+
+def test_defocus_is_the_angle_of_the_page(one_dot: View, camera: Nominal) -> None:
+    """Expected behaviour: sigma = k |1/z - 1/focus|, nothing at the focus."""
+    for depth_m, focus_m in ((0.4, 1.0), (0.4, 2.0), (3.0, 0.5)):
+        near = dataclasses.replace(one_dot, depth_m=np.full(camera.shape, depth_m))
+        values = {"dot_defocus": 6.0, "dot_defocus.focus_m": focus_m}
+        sigma_px = 0.12 * 6.0 * abs(1 / depth_m - 1 / focus_m)
+        variance = _variance_px2(_throw(near, camera, **values))
+        assert variance == pytest.approx(sigma_px**2, rel=0.03)
+    sharp = _throw(one_dot, camera, dot_defocus=6.0)  # Focused at 1 m where nothing is said.
+    np.testing.assert_array_equal(sharp.laser_e, one_dot.laser_e)
+
+
+@pytest.mark.parametrize("exponent", [0.5, 2.0, 6.0])
+def test_falloff_is_the_pages_on_the_axis_and_at_the_edge(
+    exponent: float, light: Light, camera: Nominal
+) -> None:
+    """Between both a Gaussian beam may differ from cos^n, but not by much."""
+    tangent = np.linspace(0.0, 1.0, camera.width)[None, :] * np.ones((camera.height, 1))
+    view = dataclasses.replace(light.left, px=tangent, py=np.zeros(camera.shape))
+    factor = projector.falloff(view, exponent)[0]
+    law = np.cos(np.arctan(tangent[0])) ** exponent
+    assert factor[0] == pytest.approx(1.0)
+    assert factor[-1] == pytest.approx(2 ** (-exponent / 2))
+    assert np.abs(factor - law).max() < 0.06
+    dimmed = _throw(view, camera, projector_falloff=exponent)
+    np.testing.assert_allclose(dimmed.laser_e, view.laser_e * factor)
+    assert dimmed.ambient_e is view.ambient_e
+
+
+def test_power_is_in_watts(light: Light, camera: Nominal) -> None:
+    view = _throw(light.left, camera, projector_power=0.3)
+    np.testing.assert_allclose(view.laser_e, 2.0 * light.left.laser_e)
+    assert _throw(light.left, camera) is light.left
+
+
+def test_flicker_has_mean_one_and_its_deviation() -> None:
+    power = [projector.flicker(0.2, Draws(seed=1, frame=frame)) for frame in range(3000)]
+    assert np.mean(power) == pytest.approx(1.0, abs=0.012)
+    assert np.std(power) == pytest.approx(0.2, rel=0.05)
+
+
+def test_flicker_is_the_same_in_both_imagers(light: Light, camera: Nominal) -> None:
+    left, right = (_throw(view, camera, flicker=0.3) for view in (light.left, light.right))
+    ratio = left.laser_e.sum() / light.left.laser_e.sum()
+    assert right.laser_e.sum() / light.right.laser_e.sum() == pytest.approx(ratio)
+    assert not math.isclose(ratio, 1.0, rel_tol=1e-3)
+
+
+def test_faults_stay_with_the_projector_over_scenes(light: Light, found: Dots) -> None:
+    draws = (Draws(seed=1, scene="a"), Draws(seed=1, scene="b", frame=2))
+    one, other = (
+        dots.dropped(light.left, found, 0.3, each.of_device("projector/dropped")) for each in draws
+    )
+    np.testing.assert_array_equal(one.laser_e, other.laser_e)

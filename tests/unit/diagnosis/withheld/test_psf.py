@@ -1,0 +1,57 @@
+"""Spots: whatever their shape, their variance is the page's, and light is neither made nor lost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from diagnosis.withheld import psf, spread
+
+SHAPES: tuple[psf.Shape, ...] = ("gaussian", "disc", "core_and_halo", "exponential")
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@given(sigma_px=st.floats(0.05, 4.0))
+def test_second_moment_is_the_pages(shape: psf.Shape, sigma_px: float) -> None:
+    spot = psf.kernel(shape, sigma_px)
+    assert spot.sum() == pytest.approx(1.0)
+    assert psf.variance(spot) == pytest.approx(sigma_px**2, rel=1e-6)
+    assert psf.variance(spot.T) == pytest.approx(sigma_px**2, rel=1e-6)
+
+
+def test_shapes_differ() -> None:
+    """Equal variance does not make them one formula: their middles differ."""
+    middles = [psf.kernel(shape, 1.0).max() for shape in SHAPES]
+    assert min(np.diff(sorted(middles))) > 0.01
+
+
+def test_no_width_is_no_blur() -> None:
+    image = np.random.default_rng(0).random((9, 11))
+    assert psf.blur(image, psf.kernel("disc", 0.0)) is image
+    assert spread.scatter(image, np.zeros(image.shape), "disc") is image
+    inside = np.ones(image.shape, bool)
+    assert spread.scatter_within(image, np.zeros(image.shape), "disc", inside) is image
+    assert spread.scatter_within(image, np.ones(image.shape), "disc", ~inside) is image
+
+
+@given(sigma_px=st.floats(0.1, 2.0))
+def test_width_that_differs_is_exact_for_every_point(sigma_px: float) -> None:
+    """Rationale: a mixture of two spots has the mixed variance, so no width is rounded."""
+    widths = np.linspace(0.0, 2.0, 41)[None, :] * np.ones((41, 1))
+    widths[20, 20] = sigma_px
+    point = np.zeros((41, 41))
+    point[20, 20] = 1.0
+    out = spread.scatter(point, widths, "disc")
+    assert out.sum() == pytest.approx(1.0)
+    offset = np.arange(41) - 20
+    assert (out.sum(0) * offset**2).sum() == pytest.approx(sigma_px**2, rel=1e-4)
+
+
+def test_spread_within_a_body_keeps_what_is_even() -> None:
+    inside = np.zeros((20, 30), bool)
+    inside[5:15, 8:20] = True
+    out = spread.scatter_within(np.where(inside, 3.0, 7.0), np.full((20, 30), 2.0), "disc", inside)
+    np.testing.assert_allclose(out[inside], 3.0)
+    assert not out[~inside].any()

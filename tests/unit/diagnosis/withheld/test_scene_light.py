@@ -1,0 +1,116 @@
+"""Light that leaves surfaces: sky, reflectance, bodies that light enters, exposure."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from diagnosis.withheld import scene_light
+from diagnosis.withheld.catalogue import Strengths
+from diagnosis.withheld.draws import Draws
+from diagnosis.withheld.light import Light
+from diagnosis.withheld.nominal import Nominal
+from diagnosis.withheld.scene_light import Arriving
+
+
+def _leave(light: Light, camera: Nominal, side: str = "left", **values: float) -> Arriving:
+    strengths = Strengths(nominal=camera, values=values)
+    return scene_light.leave(light.view(side), strengths, Draws(seed=3, scene="a"))
+
+
+def test_ambient_light_is_per_watt(light: Light, camera: Nominal) -> None:
+    arriving = _leave(light, camera, ambient=2.0)
+    np.testing.assert_allclose(arriving.rest_e, 2.0 * light.left.ambient_e)
+    assert not _leave(light, camera, ambient=0.0).rest_e.any()
+
+
+def test_normals_of_a_leaning_wall(light: Light, camera: Nominal) -> None:
+    """Rationale: 1 / z = 1 + 0.4 y / z is the plane z + 0.4 y = 1 of the normal (0, -0.4, -1)."""
+    up = scene_light.facing_up(light.left, camera)
+    wall, box = light.left.body == 1, light.left.body == 2
+    np.testing.assert_allclose(up[wall], 0.4 / np.hypot(0.4, 1.0), rtol=1e-6)
+    np.testing.assert_allclose(up[box], 0.0, atol=1e-9)
+    assert not up[light.left.body == 0].any()
+
+
+def test_no_surface_has_no_normal(light: Light, camera: Nominal) -> None:
+    sky = dataclasses.replace(light.left, body=np.zeros(camera.shape, np.uint32))
+    assert not scene_light.facing_up(sky, camera).any()
+
+
+def test_gradient_follows_the_normal(light: Light, camera: Nominal) -> None:
+    """Law: 1 + 2/3 g n . up, and up is the scene's where it is told."""
+    even = _leave(light, camera).rest_e
+    wall, box = light.left.body == 1, light.left.body == 2
+    tilted = _leave(light, camera, ambient_gradient=0.6).rest_e
+    expected = even[wall] * (1.0 + 0.4 * 0.4 / np.hypot(0.4, 1.0))
+    np.testing.assert_allclose(tilted[wall], expected, rtol=1e-6)
+    towards = dataclasses.replace(camera, up=(0.0, 0.0, -1.0))
+    tilted = _leave(light, towards, ambient_gradient=0.6).rest_e
+    np.testing.assert_allclose(tilted[box], 1.4 * even[box], rtol=1e-6)
+
+
+def test_reflectance_scales_all_light(light: Light, camera: Nominal) -> None:
+    plain, bright = _leave(light, camera), _leave(light, camera, nir_reflectance=2.0)
+    np.testing.assert_allclose(bright.laser_e, 2.0 * plain.laser_e)
+    np.testing.assert_allclose(bright.rest_e, 2.0 * plain.rest_e)
+
+
+def test_reflectance_of_some_bodies_is_agreed_on(light: Light, camera: Nominal) -> None:
+    """Expected behaviour: chosen bodies are as many as the share says, the same in both views."""
+    values = {"nir_reflectance": 2.0, "nir_reflectance.bodies": 0.33}
+    strengths = Strengths(nominal=camera, values=values)
+    chosen = []
+    for seed in range(200):
+        draws = Draws(seed=seed, scene="a")
+        left, right = (
+            scene_light.reflectance(light.view(side), strengths, draws)
+            for side in ("left", "right")
+        )
+        for body in (1, 2):
+            of_left = left[light.left.body == body]
+            of_right = right[light.right.body == body]
+            assert len(np.unique(np.concatenate([of_left, of_right]))) == 1
+            chosen.append(of_left[0] == 2.0)
+    assert np.mean(chosen) == pytest.approx(0.33, abs=0.07)
+
+
+def test_other_projector_and_exposure(light: Light, camera: Nominal) -> None:
+    plain = _leave(light, camera)
+    more = _leave(light, camera, second_projector=0.2)
+    np.testing.assert_allclose(more.rest_e - plain.rest_e, 0.2 * light.left.other_e, atol=1e-9)
+    longer = _leave(light, camera, exposure=0.03)
+    np.testing.assert_allclose(longer.laser_e, 3.0 * plain.laser_e)
+    np.testing.assert_allclose(longer.rest_e, 3.0 * plain.rest_e)
+
+
+@pytest.mark.parametrize("depth_m", [0.5, 1.0])
+def test_light_in_a_body_spreads_by_metres(depth_m: float, light: Light, camera: Nominal) -> None:
+    """Law: the variance in pixels is (fx sigma / z)^2, so that near bodies blur more."""
+    laser = np.zeros(camera.shape)
+    laser[31, 47] = 100.0
+    view = dataclasses.replace(
+        light.left,
+        laser_e=laser,
+        even_e=np.ones(camera.shape),
+        depth_m=np.full(camera.shape, depth_m),
+        body=np.ones(camera.shape, np.uint32),
+        px=np.zeros(camera.shape),
+    )
+    out = scene_light.leave(
+        view, Strengths(nominal=camera, values={"subsurface": 0.01}), Draws(seed=0)
+    ).laser_e
+    offset = np.arange(camera.width) - 47
+    variance = (out.sum(0) * offset**2).sum() / out.sum()
+    assert variance == pytest.approx((120 * 0.01 / depth_m) ** 2, rel=0.03)
+
+
+def test_light_in_a_body_stays_in_it(light: Light, camera: Nominal) -> None:
+    box = light.left.body == 2
+    only_box = dataclasses.replace(light.left, laser_e=np.where(box, light.left.laser_e, 0.0))
+    both = Light(left=only_box, right=light.right)
+    out = _leave(both, camera, subsurface=0.005).laser_e
+    assert not out[~box].any()
+    assert out[box].std() < only_box.laser_e[box].std()

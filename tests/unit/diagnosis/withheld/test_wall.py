@@ -1,0 +1,72 @@
+"""The wall of the withheld camera: it may read nothing that the simulator is made of."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from diagnosis.withheld.errors import WithheldError, refusal
+
+ROOT = Path(__file__).parents[4]
+FILES = sorted((ROOT / "diagnosis" / "withheld").glob("*.py"))
+STANDARD = {
+    "__future__",
+    "collections",
+    "dataclasses",
+    "functools",
+    "hashlib",
+    "json",
+    "math",
+    "os",
+    "pathlib",
+    "shutil",
+    "typing",
+    "zipfile",
+}
+LIBRARIES = {"numpy", "scipy", "cv2"}
+
+
+def _imports(path: Path) -> set[str]:
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path.name} imports relatively"
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(
+            ("import_module", "__import__")
+        ):
+            found.add("an import by name")
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_imports_stay_inside_the_wall(path: Path) -> None:
+    for name in _imports(path):
+        own = name.startswith("diagnosis.withheld")
+        captures = name == "sim.capture" or name.startswith("sim.capture.")
+        assert own or captures or name.split(".")[0] in STANDARD | LIBRARIES, name
+
+
+def test_captures_are_read_in_one_file_alone() -> None:
+    readers = [path.name for path in FILES if any("sim." in name for name in _imports(path))]
+    assert readers == ["shoot.py"]
+
+
+def test_no_global_generator() -> None:
+    for path in FILES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Attribute):
+                name = ast.unparse(node)
+                if name.startswith("np.random."):
+                    allowed = {"np.random.Generator", "np.random.SeedSequence", "np.random.SFC64"}
+                    assert name in allowed, f"{path.name}: {name}"
+
+
+def test_a_refusal_is_one_line() -> None:
+    error = refusal("gain", "must be > 0", -1, "Give a factor.")
+    assert isinstance(error, WithheldError) and isinstance(error, ValueError)
+    assert str(error) == "gain must be > 0; got -1. Give a factor."
