@@ -74,7 +74,7 @@ def ground(disparity_px: Image, expected: Image, info: CaptureInfo) -> Ground:
     planes = fit_planes(whole, known, NORMAL_RADIUS_PX)
     angle = np.degrees(np.arccos(np.clip(incidence_cosine(planes, pinhole), 0, 1)))
     radius = np.hypot(x - info.cx_px, y - info.cy_px) / pinhole.half_diagonal_px
-    level = cv2.blur(expected, (_LEVEL_PX, _LEVEL_PX))
+    level = np.asarray(cv2.blur(expected, (_LEVEL_PX, _LEVEL_PX)), np.float32)
     covariates = [
         _binned("depth", ("far", "middle", "near"), whole, _shares(whole, counted), counted),
         _binned("radius", ("centre", "ring", "corner"), radius, _THIRDS, counted),

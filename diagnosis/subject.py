@@ -57,7 +57,7 @@ class Subject:
             for frame in range(self.frames)
         ]
         left = np.stack([pair.left for pair in pairs])
-        right = np.stack([pair.right for pair in pairs])
+        right = np.stack([pair.right for pair in pairs if pair.right is not None])
         return Reading(left=left, right=right, ours_px=matched(left, right, sensor), device_px=None)
 
     def rematch(self, settings: Mapping[str, Value]) -> Reading:

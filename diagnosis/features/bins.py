@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -69,6 +70,4 @@ def log(value: float) -> float:
 
 def smooth(image: Image, size_px: int) -> Image:
     """Mean over square windows (h, w)."""
-    import cv2
-
-    return np.asarray(cv2.blur(np.asarray(image, np.float32), (size_px, size_px)))
+    return np.asarray(cv2.blur(np.asarray(image, np.float32), (size_px, size_px)), np.float32)

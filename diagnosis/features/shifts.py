@@ -31,11 +31,12 @@ def warped(image: Image, disparity_px: Image, dx: float = 0.0, dy: float = 0.0) 
     return np.asarray(
         cv2.remap(
             np.asarray(image, np.float32),
-            x - np.nan_to_num(disparity_px) + np.float32(dx),
-            y + np.float32(dy),
+            np.asarray(x - np.nan_to_num(disparity_px) + dx, np.float32),
+            np.asarray(y + dy, np.float32),
             cv2.INTER_CUBIC,
             borderMode=cv2.BORDER_REPLICATE,
-        )
+        ),
+        np.float32,
     )
 
 
@@ -69,4 +70,4 @@ def _standard(image: Image) -> Image:
     fine = np.asarray(image, np.float32)
     mean = bins.smooth(fine, _WINDOW_PX)
     variance = bins.smooth(fine**2, _WINDOW_PX) - mean**2
-    return (fine - mean) / np.sqrt(np.maximum(variance, 1e-3))
+    return np.asarray((fine - mean) / np.sqrt(np.maximum(variance, 1e-3)), np.float32)

@@ -1,0 +1,140 @@
+"""Ground and features of made images: each part of the chain moves its own."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from diagnosis.features import disparity, levels, repeats, residual, shifts, surface, texture
+from diagnosis.ground import Ground, ground
+from patterns.errors import InputError
+from sim.capture_info import CaptureInfo
+
+WIDTH, HEIGHT = 240, 160
+INFO = CaptureInfo(
+    sensor="d435", width=WIDTH, height=HEIGHT, fx_px=200, fy_px=200, cx_px=119.5, cy_px=79.5,
+    baseline_m=0.05, depth_unit_m=0.001, source="drawn", licence="none", notes="",
+)  # fmt: skip
+BOX = slice(50, 110), slice(90, 160)  # Rows and columns of what stands before the wall.
+FAR_PX, NEAR_PX = 6.0, 18.0
+
+
+def world(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Disparity of a box before a wall, and dots on both (h, w)."""
+    depth = np.full((HEIGHT, WIDTH), FAR_PX, np.float32)
+    depth[BOX] = NEAR_PX
+    rng = np.random.default_rng(seed)
+    y, x = np.indices(depth.shape)
+    image = np.full(depth.shape, 20.0)
+    for at_y, at_x in rng.uniform((0, 0), depth.shape, size=(900, 2)):
+        image += 60 * np.exp(-((y - at_y) ** 2 + (x - at_x) ** 2) / 2)
+    return depth, image.astype(np.float32)
+
+
+DISPARITY, EXPECTED = world()
+GROUND: Ground = ground(DISPARITY, EXPECTED, INFO)
+
+
+def test_bins_part_the_counted_pixels():
+    for name, covariate in GROUND.covariates.items():
+        assert covariate.name == name
+        if name != "dots":
+            np.testing.assert_array_equal(covariate.label >= 0, GROUND.counted)
+        assert covariate.label.max() < len(covariate.bins)
+    assert not GROUND.counted[:, : int(FAR_PX)].any() and GROUND.counted[0, int(FAR_PX) :].all()
+
+
+def test_edges_know_their_sides():
+    edge = GROUND.covariates["edge"]
+    row = (BOX[0].start + BOX[0].stop) // 2
+    left, right = BOX[1].start, BOX[1].stop
+    assert edge.where("left of a nearer thing")[row, left - 3 : left].all()
+    assert edge.where("beside a nearer thing")[row, right : right + 3].all()
+    assert edge.where("on its rim")[row, left : left + 3].all()
+    assert edge.where("open")[5, 200] and edge.where("near an edge")[row, right + 8]
+
+
+def test_dots_are_bright_and_the_rest_is_not():
+    dots = GROUND.covariates["dots"]
+    assert EXPECTED[dots.where("on dots")].mean() > 2 * EXPECTED[dots.where("between")].mean()
+
+
+def test_nothing_known_is_refused():
+    with pytest.raises(InputError, match="reference depth must be known somewhere; got no pixel"):
+        ground(np.full_like(DISPARITY, np.nan), EXPECTED, INFO)
+
+
+@given(st.floats(0.5, 2.0))
+def test_levels_follow_the_light(factor):
+    one = levels.levels(EXPECTED, GROUND, 1e4)
+    other = levels.levels(EXPECTED * np.float32(factor), GROUND, 1e4)
+    name = "level.radius.ring.dots.on dots"
+    assert other[name] - one[name] == pytest.approx(np.log(factor), abs=0.02)
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(0.3, 0.0), (0.0, -0.2), (-0.4, 0.3)])
+def test_a_shift_is_told_in_pixels(dx, dy):
+    moved = shifts.warped(EXPECTED, np.zeros_like(DISPARITY), dx=-dx, dy=-dy)
+    found = shifts.dots(moved, GROUND)
+    assert found["dots.shift x.all"] == pytest.approx(-dx, abs=0.08)
+    assert found["dots.shift y.all"] == pytest.approx(-dy, abs=0.08)
+
+
+def test_blur_softens_and_noise_roughens():
+    sharp = texture.texture(EXPECTED, GROUND)
+    soft = texture.texture(cv2.GaussianBlur(EXPECTED, (0, 0), 1.0), GROUND)
+    name = "texture.slope.radius.ring.dots.on dots"
+    assert soft[name] < sharp[name] - 0.5
+
+
+@pytest.mark.parametrize("sigma", [1.0, 4.0])
+def test_noise_is_told_as_a_deviation(sigma):
+    """Windows of 15 px are fitted with two numbers: less than 2 % of the deviation goes."""
+    rng = np.random.default_rng(1)
+    image = EXPECTED + sigma * rng.standard_normal(EXPECTED.shape).astype(np.float32)
+    found = residual.residual(image, GROUND)
+    assert found["noise.level 1/4"] == pytest.approx(np.log(sigma), abs=0.1)
+    rows = image + 3 * rng.standard_normal((HEIGHT, 1)).astype(np.float32)
+    striped = residual.residual(rows, GROUND)
+    assert striped["noise.rows"] > found["noise.rows"] + 1
+    assert striped["noise.columns"] < found["noise.columns"] + 0.5
+
+
+def test_errors_and_holes_are_told_where_they_are():
+    measured = DISPARITY + np.float32(0.1)
+    measured[:, : WIDTH // 3] = np.nan
+    found = disparity.disparity(measured, GROUND)
+    assert found["error.bias.all"] == pytest.approx(0.1, abs=1e-5)
+    assert found["holes.x.left"] == pytest.approx(np.pi / 2)
+    assert found["holes.x.right"] == 0
+    assert np.isnan(found["error.bias.x.left"])
+
+
+def test_surfaces_tell_of_smoothing_and_steps():
+    rng = np.random.default_rng(2)
+    rough = DISPARITY + 0.1 * rng.standard_normal(DISPARITY.shape).astype(np.float32)
+    smooth = cv2.blur(rough, (9, 9))
+    one, other = surface.surface(rough, GROUND), surface.surface(np.asarray(smooth), GROUND)
+    assert other["surface.alike x4"] > one["surface.alike x4"] + 0.3
+    assert other["surface.rough x"] < one["surface.rough x"] - 1
+    stepped = surface.surface(np.round(rough * 4) / 4, GROUND)
+    assert stepped["surface.equal x"] > one["surface.equal x"] + 0.3
+    lost = np.where(np.arange(WIDTH) < 40, np.nan, rough).astype(np.float32)
+    against = surface.against(lost, rough, GROUND)
+    assert against["against.lost"] > 0.3 and against["against.bias"] == 0
+
+
+def test_repeats_tell_noise_in_time_and_what_is_carried_on():
+    rng = np.random.default_rng(3)
+    frames = EXPECTED + 2 * rng.standard_normal((12, HEIGHT, WIDTH))
+    found = repeats.infrared(frames, GROUND)
+    assert found["time.noise.level 2/4"] == pytest.approx(np.log(2), abs=0.05)
+    maps = DISPARITY + 0.1 * rng.standard_normal((12, HEIGHT, WIDTH))
+    told = repeats.depth(maps, GROUND)
+    assert told["time.carried on"] == pytest.approx(-0.5, abs=0.02)
+    carried = np.cumsum(maps - DISPARITY, axis=0) + DISPARITY
+    assert repeats.depth(carried, GROUND)["time.carried on"] > -0.1
+    assert "time.carried on" not in repeats.depth(maps[:2], GROUND)
