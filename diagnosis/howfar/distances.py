@@ -1,0 +1,117 @@
+"""How far a simulation is from a real reading of one scene; 0 is best, each in its own unit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from diagnosis.ground import Ground, Image, Mask
+from diagnosis.reading import Reading
+
+_FAR_OFF_PX = 2.0  # Errors beyond count as this far: a single far one must not decide.
+_QUANTILES = np.linspace(0.005, 0.995, 199)
+_EDGES = np.linspace(0, 1, 11)  # Bins of probabilities that are told.
+_LEAST_DN = 0.3  # Deviation of a code that no camera is below: rounding's.
+
+
+def distances(
+    real: Reading, simulated: Sequence[Reading], ground: Ground, *, device: bool
+) -> dict[str, float]:
+    """Measure a scene.
+
+    Args:
+        real: its captured reading.
+        simulated: readings of several seeds.
+        ground: of the scene.
+        device: compare with the device's own depth; else with our matcher's on the real images.
+
+    Returns:
+        Brier score, 1 - AUC and ECE of the simulated share of draws without depth; 1 - overlap of
+        one draw's holes (`iou`); difference of bias and of the logarithm of NMAD; distance of the
+        errors' distributions [px]; where there is infrared its dots' contrast and its mean
+        negative log likelihood a pixel; with repeats the logarithm of noise in time.
+    """
+    target = real.device_px if device else real.ours_px
+    assert target is not None
+    maps = [
+        one.ours_px if one.device_px is None or not device else one.device_px for one in simulated
+    ]
+    draws = np.stack([one[0] for one in maps if one is not None])
+    found = _holes(~np.isfinite(target[0]), ~np.isfinite(draws), ground.counted)
+    found |= _errors(target[0], draws, ground)
+    if real.left is not None and simulated[0].left is not None:
+        found |= _infrared(
+            real.left, [one.left for one in simulated if one.left is not None], ground
+        )
+    return found
+
+
+def _holes(real: Mask, draws: NDArray[np.bool_], where: Mask) -> dict[str, float]:
+    told = (draws[:, where].sum(axis=0) + 0.5) / (len(draws) + 1)
+    hole = real[where]
+    overlap = np.count_nonzero(draws[0][where] & hole)
+    union = np.count_nonzero(draws[0][where] | hole)
+    order = stats.rankdata(told)
+    ones, zeros = int(hole.sum()), int((~hole).sum())
+    area = float("nan")
+    if ones and zeros:
+        area = (order[hole].sum() - ones * (ones + 1) / 2) / (ones * zeros)
+    bin_of = np.clip(np.digitize(told, _EDGES) - 1, 0, len(_EDGES) - 2)
+    count = np.bincount(bin_of, minlength=len(_EDGES) - 1)
+    off = np.abs(np.bincount(bin_of, told - hole, len(_EDGES) - 1))
+    return {
+        "ndp_brier": float(np.mean((told - hole) ** 2)),
+        "ndp_1_auc": 1 - area,
+        "ndp_ece": float(off.sum() / max(count.sum(), 1)),
+        "ndp_1_iou": 1 - overlap / union if union else 0.0,
+    }
+
+
+def _errors(real: Image, draws: NDArray, ground: Ground) -> dict[str, float]:
+    open_pixels = ground.counted & (ground.covariates["edge"].label == 0)
+    one = (real - ground.disparity_px)[open_pixels]
+    other = (draws[0] - ground.disparity_px)[open_pixels]
+    both = np.isfinite(one) & np.isfinite(other)  # Else pixels that either loses would bias it.
+    one, other = (np.clip(error[both], -_FAR_OFF_PX, _FAR_OFF_PX) for error in (one, other))
+    if one.size < 100:
+        return dict.fromkeys(("bias_px", "log_nmad", "error_distribution_px"), float("nan"))
+    spread = [max(float(np.median(np.abs(e - np.median(e)))), 1e-3) for e in (one, other)]
+    quantiles = [np.quantile(error, _QUANTILES) for error in (one, other)]
+    return {
+        "bias_px": float(abs(np.median(one) - np.median(other))),
+        "log_nmad": float(abs(np.log(spread[0] / spread[1]))),
+        "error_distribution_px": float(np.mean(np.abs(quantiles[0] - quantiles[1]))),
+    }
+
+
+def _infrared(real: NDArray, simulated: Sequence[NDArray], ground: Ground) -> dict[str, float]:
+    dots = ground.covariates["dots"]
+    on, between = dots.where("on dots"), dots.where("between")
+
+    def contrast(image: NDArray) -> float:
+        high, low = float(image[on].mean()), float(image[between].mean())
+        return (high - low) / max(high + low, 1e-6)
+
+    frames = np.stack([one[0] for one in simulated]).astype(np.float64)
+    mean = frames.mean(axis=0)
+    # One photon transfer for the image: draws are too few for a deviation of each pixel.
+    noise = np.polynomial.Polynomial.fit(
+        mean[ground.counted], frames.var(axis=0, ddof=1)[ground.counted], 1
+    )
+    variance = np.maximum(noise(mean), _LEAST_DN**2)
+    off = (real[0] - mean)[ground.counted]
+    inside = variance[ground.counted]
+    likelihood = 0.5 * np.mean(np.log(2 * np.pi * inside) + off**2 / inside)
+    found = {
+        "dot_contrast": abs(contrast(real[0]) - contrast(frames[0])),
+        "infrared_nll": float(likelihood),
+    }
+    if len(real) > 1 and len(simulated[0]) > 1:
+        sizes = [
+            float(one.astype(np.float64).std(axis=0, ddof=1).mean()) for one in (real, simulated[0])
+        ]
+        found["log_noise_in_time"] = float(abs(np.log(max(sizes[0], 1e-3) / max(sizes[1], 1e-3))))
+    return found

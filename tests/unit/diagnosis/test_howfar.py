@@ -1,0 +1,100 @@
+"""Distances between readings, and the share of a gap that is closed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis.ground import ground
+from diagnosis.howfar.closed import closed
+from diagnosis.howfar.distances import distances
+from diagnosis.reading import Reading
+from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, INFO
+
+
+def reading(
+    seed: int, *, noise_px: float = 0.1, bias_px: float = 0.0, level: float = 1.0, frames: int = 1
+) -> Reading:
+    """Images and maps of the made world; a tenth of the pixels, always the same, has no depth."""
+    rng = np.random.default_rng(seed)
+    shape = (frames, *DISPARITY.shape)
+    maps = DISPARITY + bias_px + noise_px * rng.standard_normal(shape)
+    maps[:, np.random.default_rng(0).random(DISPARITY.shape) < 0.1] = np.nan
+    images = np.clip(level * EXPECTED + 2 * rng.standard_normal(shape), 0, 255)
+    codes = np.rint(images).astype(np.uint8)
+    return Reading(left=codes, right=codes, ours_px=maps.astype(np.float32), device_px=None)
+
+
+BASE = [reading(seed) for seed in range(1, 5)]
+
+
+def test_two_readings_of_one_camera_are_near():
+    found = distances(reading(9, frames=3), [reading(s, frames=3) for s in (1, 2, 3)], GROUND,
+                      device=False)  # fmt: skip
+    assert found["ndp_1_auc"] == 0 and found["ndp_1_iou"] == 0
+    assert found["ndp_brier"] == pytest.approx((0.5 / 4) ** 2)
+    assert found["bias_px"] < 0.005 and found["log_nmad"] < 0.05
+    assert found["error_distribution_px"] < 0.01
+    assert found["dot_contrast"] < 0.01 and found["log_noise_in_time"] < 0.05
+    assert "log_noise_in_time" not in distances(reading(9), BASE, GROUND, device=False)
+
+
+@pytest.mark.parametrize(
+    ("how", "figure", "value", "abs_tol"),
+    [
+        ({"bias_px": 0.2}, "bias_px", 0.2, 0.01),
+        ({"bias_px": 0.2}, "error_distribution_px", 0.2, 0.01),
+        ({"noise_px": 0.2}, "log_nmad", np.log(2), 0.05),
+    ],
+)
+def test_distances_have_the_size_of_what_was_changed(how, figure, value, abs_tol):
+    found = distances(reading(9, **how), BASE, GROUND, device=False)
+    assert found[figure] == pytest.approx(value, abs=abs_tol)
+
+
+def test_other_light_is_less_likely():
+    near = distances(reading(9), BASE, GROUND, device=False)
+    far = distances(reading(9, level=1.2), BASE, GROUND, device=False)
+    assert far["infrared_nll"] > near["infrared_nll"] + 0.5
+
+
+def test_the_device_s_own_depth_is_compared_where_it_is_asked_for():
+    real = reading(9)
+    device = Reading(
+        left=real.left, right=real.right, ours_px=real.ours_px, device_px=real.ours_px + 1
+    )
+    assert distances(device, BASE, GROUND, device=True)["bias_px"] == pytest.approx(1, abs=0.01)
+    assert distances(device, BASE, GROUND, device=False)["bias_px"] < 0.01
+
+
+def test_too_few_pixels_have_no_errors():
+    nothing = np.full_like(DISPARITY, np.nan)[None]
+    real = Reading(left=None, right=None, ours_px=nothing, device_px=None)
+    found = distances(real, BASE, GROUND, device=False)
+    assert np.isnan(found["bias_px"]) and np.isnan(found["ndp_1_auc"])
+    flat = ground(np.full_like(DISPARITY, 5.0), EXPECTED, INFO)
+    assert distances(real, BASE, flat, device=False)["ndp_1_iou"] > 0.8
+
+
+def test_closed_is_a_ratio_of_sums():
+    before = [{"a": 1.0}, {"a": 3.0}, {"a": 2.0}]
+    after = [{"a": 0.5}, {"a": 0.5}, {"a": 0.5}]
+    floor = [{"a": 0.0}, {"a": 0.0}, {"a": 0.0}]
+    (found,) = closed(before, after, floor).values()
+    assert found.closed_pct == pytest.approx(100 * 4.5 / 6)
+    assert found.interval is not None and found.interval[0] <= 75 <= found.interval[1]
+    assert (found.before, found.after, found.floor) == (2, 0.5, 0)
+
+
+def test_a_gap_that_is_none_is_not_identifiable():
+    same = [{"a": 1.0}, {"a": 2.0}, {"a": 0.5}]
+    other = [{"a": 2.0}, {"a": 1.0}, {"a": 0.5}]
+    (found,) = closed(same, other, other).values()
+    assert found.closed_pct is None and found.interval is None
+
+
+def test_scenes_without_a_figure_are_left_out():
+    nan = float("nan")
+    before, after, floor = ([{"a": v}, {"a": nan}, {"a": v}] for v in (2.0, 1.0, 0.0))
+    assert closed(before, after, floor)["a"].closed_pct == pytest.approx(50)
+    assert closed([{"a": nan}], [{"a": 1.0}], [{"a": 0.0}]) == {}
