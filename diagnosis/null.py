@@ -27,20 +27,27 @@ class Base:
     @property
     def mean(self) -> Table:
         """Mean over seeds."""
-        return np.nanmean(self.tables, axis=0)
+        return _mean(self.tables, axis=0)
 
     @property
     def deviation(self) -> NDArray[np.float64]:
         """Deviation (features,) of a reading less the mean, and of what the simulator misses."""
         seeds = len(self.tables)
-        variance = np.zeros(self.tables.shape[2])
-        if seeds > 1:
-            variance = np.nanmean(np.nanvar(self.tables, axis=0, ddof=1), axis=0) * (1 + 1 / seeds)
+        squares = _mean((self.tables - self.mean) ** 2, axis=(0, 1))
+        variance = squares * seeds / max(seeds - 1, 1) * (1 + 1 / seeds)
         return np.sqrt(np.nan_to_num(variance) + FLOOR**2)
 
     def likelihood(self, real: Table) -> Likelihood:
         """Likelihood of a reading's gap."""
         return Likelihood(real - self.mean, np.broadcast_to(self.deviation, real.shape))
+
+
+def _mean(values: NDArray[np.float64], axis: int | tuple[int, ...]) -> NDArray[np.float64]:
+    """Mean of what is known; NaN where nothing is."""
+    known = np.isfinite(values)
+    count = known.sum(axis=axis)
+    total = np.where(known, values, 0.0).sum(axis=axis)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def base(bench: Bench, *, seeds: int = SEEDS) -> Base:

@@ -1,0 +1,111 @@
+"""The second camera and the simulator, which share no code, on one scene's light."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis import candidates, light_sets, null, reading, signature, subject
+from diagnosis.candidates import Arm
+from diagnosis.fit import fit, folds
+from diagnosis.withheld import case, shoot
+from patterns.errors import InputError
+from sim import capture, sensors
+from sim.capture import CaptureSet
+from sim.effects import setting
+from sim.scenes import builtin
+from sim.sensor import Sensor
+from sim.sensor_edits import with_values
+
+SCENES = ("clutter:1", "clutter:2")
+
+
+def nominal() -> Sensor:
+    """An ideal camera but for noise and a lens's spot, 160 x 90."""
+    camera, _ = setting.ideal(sensors.load("d435"), builtin.clutter(1))
+    size = [("width", 160), ("height", 90), ("fx_px", 81.0), ("fy_px", 81.0)]
+    centre = [("cx_px", 79.5), ("cy_px", 44.5)]
+    imager = [
+        *(("imager.lens.blur_px", 0.6), ("imager.shot_noise", 1.0), ("imager.read_noise_e", 5.0)),
+        *(("imager.black_level_dn", 4.0), ("imager.bit_depth", 8)),
+    ]
+    return with_values(camera, [*size, *centre, *imager, ("projector.power_w", 0.15)])
+
+
+@pytest.fixture(scope="module")
+def light(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("check") / "light"
+    light_sets.write(folder, SCENES, nominal())
+    return folder
+
+
+def shot(light: Path, out: Path, **settings: float) -> CaptureSet:
+    kind = "single" if settings else "null"
+    one = case.Case(number=0, kind=kind, settings=settings, seed=5)
+    shoot.shoot(light, one, out)
+    return capture.open_set(out)
+
+
+def test_light_says_what_the_other_side_needs(light):
+    told = json.loads((light / light_sets.NOMINAL).read_text())
+    assert told["read_noise_e"] == 5.0 and told["ambient_w_m2"] > 0
+    with np.load(light / "clutter-1" / light_sets.LIGHT) as arrays:
+        laser, even = arrays["left_laser_e"], arrays["left_even_e"]
+        assert laser.shape == (90, 160)
+        lit = even > 0
+        assert laser[lit].mean() == pytest.approx(even[lit].mean(), rel=0.15)  # Of one power.
+        assert np.nanmax(np.abs(arrays["left_px"][lit])) <= np.tan(np.radians(45)) + 0.01
+
+
+def test_without_an_effect_both_cameras_see_the_same(light, tmp_path):
+    """Levels within 2 % by thirds of the image; the spots differ in shape, not in width."""
+    captures = shot(light, tmp_path / "null")
+    for scene in captures.scenes:
+        one = subject.subject(scene, nominal())
+        ours = one.simulate({}, seed=0)
+        assert one.real.left is not None and ours.left is not None
+        for side in ("left", "right"):
+            theirs, own = getattr(one.real, side)[0], getattr(ours, side)[0]
+            for part in np.array_split(np.arange(160), 3):
+                level = float(theirs[:, part].mean()) - 4
+                assert level == pytest.approx(float(own[:, part].mean()) - 4, rel=0.02)
+        assert one.real.device_px is None
+
+
+def test_an_effect_of_theirs_is_measured_by_ours(light, tmp_path):
+    """A vertical offset of 0.5 px, each resampled in its own way."""
+    captures = shot(light, tmp_path / "offset", vertical_offset=0.5)
+    subjects = [subject.subject(scene, nominal()) for scene in captures.scenes]
+    bench = signature.bench(subjects, Arm.IMAGE)
+    base = null.base(bench, seeds=2)
+    known = candidates.candidates(nominal(), subjects[0].scene, Arm.IMAGE)
+    (candidate,) = [one for one in known if one.name == "vertical_offset"]
+    cache = tmp_path / "cache"
+    made = signature.signature(candidate, bench, base.tables[0], cache=cache)
+    assert made is not None
+    found = fit(made, base.likelihood(bench.real()), folds(2))
+    assert float(found.value) == pytest.approx(0.5, rel=0.25)
+    assert found.gain.min() > null.LEAST_GAIN
+    again = signature.signature(candidate, bench, base.tables[0], cache=cache)
+    assert again is not None
+    np.testing.assert_array_equal(again.change, made.change)
+
+
+def test_real_images_are_matched_again_with_other_settings(light, tmp_path):
+    captures = shot(light, tmp_path / "null")
+    one = subject.subject(captures.scenes[0], nominal())
+    other = one.rematch({"median": 0})
+    assert other.device_px is not None and one.real.ours_px is not None
+    assert not np.array_equal(other.device_px, one.real.ours_px, equal_nan=True)
+    same = one.rematch({})
+    np.testing.assert_array_equal(same.device_px, one.real.ours_px)
+    assert reading.read(captures.scenes[0], nominal()).left is not None
+
+
+def test_scenes_that_cannot_be_lit_are_refused(tmp_path):
+    with pytest.raises(InputError, match="scenes must be at least one, each once; got 0"):
+        light_sets.write(tmp_path / "out", [], nominal())
+    assert not (tmp_path / "out").exists()
