@@ -40,19 +40,9 @@ class Candidate:
     nodes: tuple[Value, ...]  # Other values, numbers ascending.
 
     @property
-    def family(self) -> str:
-        """What it cannot be told from by name."""
-        return self.effect.family
-
-    @property
     def numeric(self) -> bool:
         """Whether values in between mean something."""
-        return not self.effect_parameter.choices
-
-    @property
-    def effect_parameter(self) -> Parameter:
-        """The row's parameter that is moved."""
-        return setting.parameter_of(self.name)[1]
+        return not setting.parameter_of(self.name)[1].choices
 
 
 def candidates(sensor: Sensor, scene: Scene, arm: Arm) -> list[Candidate]:

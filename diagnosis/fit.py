@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.likelihood import Likelihood
-from diagnosis.signature import Signature, Table
+from diagnosis.signature import Signature
 from sim.effects.effect import Value
 
 FOLDS = 4
@@ -35,11 +35,6 @@ class Fit:
     def value(self) -> Value:
         """Its strength."""
         return self.signature.value(self.place)
-
-    @property
-    def change(self) -> Table:
-        """What it does to the features."""
-        return self.signature.at(self.place)
 
     def interval(self, *, level: float, seed: int, draws: int = 400) -> tuple[Value, Value]:
         """Bootstrap its strength over scenes."""

@@ -59,21 +59,21 @@ def write(
     with OutputFolder(out, force=force) as folder, tempfile.TemporaryDirectory() as temporary:
         even = _even(sensor, Path(temporary))
         folder.write(capture_info.FILE, capture_info.dumps(info).encode())
-        ambient = {scenes.load(name, sensor).ambient.irradiance_w_m2 for name in names}
+        loaded = {name: scenes.load(name, sensor) for name in names}
+        ambient = {scene.ambient.irradiance_w_m2 for scene in loaded.values()}
         if len(ambient) > 1:
             raise refuse("scenes", "must share one ambient light", sorted(ambient), "Part them.")
         told = {**nominal(sensor), "ambient_w_m2": ambient.pop()}
         folder.write(NOMINAL, json.dumps(told, indent=1).encode())
-        for name in tell(names, "light"):
-            scene = scenes.load(name, sensor)
+        for name, scene in tell(list(loaded.items()), "light"):
             place = name.replace(":", "-")
             stage = Stage(scene)
-            layers = simulate.simulate(stage, sensor).layers
-            evenly = simulate.simulate(stage, even).layers
+            layers = simulate.rendered(stage, sensor)
+            evenly = simulate.rendered(stage, even)
             other_sensor, other_scene = setting.apply(
                 sensor, scene, {"second_projector": 1.0, "second_projector.x": OTHER_M}
             )
-            beside = simulate.simulate(Stage(other_scene), other_sensor).layers
+            beside = simulate.rendered(Stage(other_scene), other_sensor)
             arrays = _arrays(sensor, layers, evenly, beside)
             folder.write_by(f"{place}/{LIGHT}", partial(_save, arrays))
             capture_writer.write_scene(

@@ -20,6 +20,16 @@ class Likelihood:
     gap: Table  # (scenes, features) real less simulated; NaN where it is not known.
     deviation: Table  # Likewise: noise of both, and what is put down to the simulator.
 
+    @property
+    def size(self) -> float:
+        """Root mean square of the gap over its deviation."""
+        return float(np.sqrt(np.nanmean((self.gap / self.deviation) ** 2)))
+
+    def beyond(self, made: Table) -> Likelihood:
+        """What effects leave (scenes, features); they explain nothing to the last digit."""
+        doubt = TAU * np.nan_to_num(made)
+        return Likelihood(self.gap - made, np.sqrt(self.deviation**2 + doubt**2))
+
     def cost(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
         """Negative logarithm of the likelihood for each scene.
 

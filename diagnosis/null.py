@@ -61,9 +61,7 @@ def gains(
 ) -> NDArray[np.float64]:
     """Held-out gain of the best effect where there is none to find, for each seed left out."""
     found = []
-    for number in range(len(of.tables)):
-        if len(of.tables) == 1:
-            break
+    for number in range(len(of.tables) if len(of.tables) > 1 else 0):
         rest = Base(np.delete(of.tables, number, axis=0))
         likelihood = rest.likelihood(of.tables[number])
         best = [fit(one, likelihood, folds).gain.sum() for one in signatures]
@@ -76,16 +74,3 @@ def threshold(null_gains: NDArray[np.float64], *, alpha: float = 0.05) -> float:
     if null_gains.size == 0:
         return LEAST_GAIN
     return max(LEAST_GAIN, float(np.quantile(null_gains, 1 - alpha)))
-
-
-LEAST_SIZE = 1.5  # Root mean square of a gap that is none, over its deviation.
-
-
-def size_by_chance(of: Base, *, alpha: float = 0.05) -> float:
-    """Size of a gap that seeds alone make with probability alpha, at least `LEAST_SIZE`."""
-    found = [LEAST_SIZE]
-    for number in range(len(of.tables) if len(of.tables) > 1 else 0):
-        rest = Base(np.delete(of.tables, number, axis=0))
-        likelihood = rest.likelihood(of.tables[number])
-        found.append(float(np.sqrt(np.nanmean((likelihood.gap / likelihood.deviation) ** 2))))
-    return max(LEAST_SIZE, float(np.quantile(found, 1 - alpha)))

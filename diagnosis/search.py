@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,7 @@ class Accepted:
     """An effect that held-out scenes gain from."""
 
     fit: Fit
-    value: Value  # Refitted by simulation together with the others.
     interval: tuple[Value, Value]
-    gain: float
     rivals: tuple[str, ...]  # Other candidates that the data cannot tell from it.
 
 
@@ -71,16 +69,11 @@ def search(
     """
     real = bench.real() if real is None else real
     likelihood = of.likelihood(real)
-    alone = sorted(
-        (fit(one, likelihood, folds) for one in signatures), key=lambda one: -one.gain.sum()
-    )
-    start = likelihood
+    alone = _ranked(signatures, likelihood, folds)
+    start, fits = likelihood, alone
     accepted: list[Accepted] = []
     settings: dict[str, Value] = {}
-    while len(accepted) < MOST:
-        fits = alone if not accepted else _again(signatures, likelihood, folds, settings)
-        if not fits or fits[0].gain.sum() < threshold:
-            break
+    while len(accepted) < MOST and fits and fits[0].gain.sum() >= threshold:
         best = fits[0]
         settings[best.name] = best.value
         table = _simulated(bench, of, settings)
@@ -89,32 +82,29 @@ def search(
         accepted.append(
             Accepted(
                 fit=best,
-                value=best.value,
                 interval=best.interval(level=_LEVEL, seed=0),
-                gain=float(best.gain.sum()),
                 rivals=_rivals(best, fits),
             )
         )
-        likelihood = _beyond(start, real, table, of)
+        likelihood = start.beyond(table - of.mean)
+        rest = [one for one in signatures if one.candidate.name not in settings]
+        fits = _ranked(rest, likelihood, folds)
     return Search(
         accepted=tuple(accepted),
         threshold=threshold,
         fits=tuple(alone),
-        before=_size(start),
-        after=_size(likelihood),
+        before=start.size,
+        after=likelihood.size,
         left=likelihood.gap / likelihood.deviation,
     )
 
 
-def _again(
-    signatures: Sequence[Signature],
-    likelihood: Likelihood,
-    folds: Sequence[NDArray[np.bool_]],
-    settings: Mapping[str, Value],
+def _ranked(
+    signatures: Sequence[Signature], likelihood: Likelihood, folds: Sequence[NDArray[np.bool_]]
 ) -> list[Fit]:
-    """Fit the candidates that are not in yet to what is left."""
-    rest = [one for one in signatures if one.candidate.name not in settings]
-    return sorted((fit(one, likelihood, folds) for one in rest), key=lambda one: -one.gain.sum())
+    """Fit every candidate alone, those that gain most first."""
+    fits = [fit(one, likelihood, folds) for one in signatures]
+    return sorted(fits, key=lambda one: -one.gain.sum())
 
 
 def _simulated(bench: Bench, of: Base, settings: Mapping[str, Value]) -> Table | None:
@@ -123,16 +113,6 @@ def _simulated(bench: Bench, of: Base, settings: Mapping[str, Value]) -> Table |
         return of.mean + bench.simulated(settings) - of.tables[0]
     except InputError:
         return None
-
-
-def _beyond(start: Likelihood, real: Table, table: Table, of: Base) -> Likelihood:
-    """Likelihood of what is left; what was explained is not explained to the last digit."""
-    from diagnosis.likelihood import TAU
-
-    made = np.nan_to_num(table - of.mean)
-    return replace(
-        start, gap=real - table, deviation=np.sqrt(start.deviation**2 + (TAU * made) ** 2)
-    )
 
 
 def _rivals(best: Fit, fits: Sequence[Fit]) -> tuple[str, ...]:
@@ -147,7 +127,3 @@ def _rivals(best: Fit, fits: Sequence[Fit]) -> tuple[str, ...]:
         if np.mean(times @ (other.gain - best.gain) >= 0) > _SAME:
             found.append(other.name)
     return tuple(found)
-
-
-def _size(likelihood: Likelihood) -> float:
-    return float(np.sqrt(np.nanmean((likelihood.gap / likelihood.deviation) ** 2)))

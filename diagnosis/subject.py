@@ -51,7 +51,7 @@ class Subject:
         layers = self._layers
         if any(named(name.partition(".")[0]).rerender for name in settings):
             stage = self._stage if scene is self.scene else Stage(scene)
-            layers = simulate.simulate(stage, sensor, seed=own, samples=_SAMPLES).layers
+            layers = simulate.rendered(stage, sensor, samples=_SAMPLES)
         pairs = [
             simulate.infrared(layers, scene, sensor, seed=own, frame=frame)
             for frame in range(self.frames)
@@ -87,7 +87,7 @@ def subject(captured: CapturedScene, sensor: Sensor) -> Subject:
     if scene is None:
         scene = surfaces.load(captured.path, sensor)
     stage = Stage(scene)
-    layers = simulate.simulate(stage, sensor, samples=_SAMPLES).layers
+    layers = simulate.rendered(stage, sensor, samples=_SAMPLES)
     truth_m = captured.truth_m()
     if truth_m is None:
         truth_m = layers.truth.depth_m

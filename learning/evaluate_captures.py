@@ -18,6 +18,7 @@ from learning import (
     evaluation_report,
     folds,
     registry,
+    shipped,
     work_folder,
 )
 from learning.captured import Simulation
@@ -25,7 +26,7 @@ from learning.evaluation import Told
 from learning.example import Example, Image
 from learning.icp import case_study
 from learning.method import Method, Predictor
-from learning.train_captures import PHYSICS, trained, trained_folder, trained_method
+from learning.train_captures import PHYSICS, trained, trained_method
 from patterns.errors import refuse
 from patterns.whole import whole
 from sim import capture, output, png, progress
@@ -161,18 +162,11 @@ def _methods(names: Sequence[str], plan: Plan) -> dict[str, Method]:
         raise refuse("methods", "must be at least one", "none", "Give --methods or --models.")
     if len(set(names)) < len(names):
         raise refuse("methods", "must be different", ", ".join(names), "Name each once.")
-    start = {trained_method(model): model for model in plan.start}
+    start = {trained_method(model): shipped.folder(model) for model in plan.start}
     for name in start:
         if name not in plan.methods:
             raise refuse("start", "must be for a method that learns", name, "Name it, or drop it.")
-    return {
-        name: registry.method(
-            name,
-            steps=plan.steps,
-            start=trained_folder(start[name], name) if name in start else None,
-        )
-        for name in names
-    }
+    return {name: registry.method(name, steps=plan.steps, start=start.get(name)) for name in names}
 
 
 def _learnt(

@@ -76,7 +76,7 @@ def simulate(
     """
     refuse_impossible(sensor, 1)
     stage = scene if isinstance(scene, Stage) else Stage(scene)
-    layers = _layers(stage, sensor, samples, seed)
+    layers = rendered(stage, sensor, samples=samples, seed=seed)
     return expose(layers, stage.scene, sensor, seed=seed, frame=frame)
 
 
@@ -119,7 +119,7 @@ def _readings(
     scene: Scene | Stage, sensor: Sensor, *, frames: int, seed: int, samples: int
 ) -> Iterator[Shot]:
     stage = scene if isinstance(scene, Stage) else Stage(scene)
-    layers = _layers(stage, sensor, samples, seed)
+    layers = rendered(stage, sensor, samples=samples, seed=seed)
     past = None
     for frame in range(frames):
         shot = expose(layers, stage.scene, sensor, seed=seed, frame=frame, past=past)
@@ -205,8 +205,11 @@ def infrared(
     )
 
 
-def _layers(stage: Stage, sensor: Sensor, samples: int, seed: int) -> Layers:
-    """Render a scene; where the sensor moves, for as long as its exposure control takes."""
+def rendered(stage: Stage, sensor: Sensor, *, samples: int = 16, seed: int = 0) -> Layers:
+    """Render a scene's layers, for `expose` to make readings of (arguments as in `simulate`).
+
+    Where the sensor moves, for as long as its exposure control takes.
+    """
     errors.in_interval("samples", samples, 1, 4096, "16 are enough for most scenes.")
     errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
     layers = render.layers(stage, sensor)

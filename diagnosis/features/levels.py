@@ -20,10 +20,9 @@ def levels(image: Image, ground: Ground, ceiling: float) -> dict[str, float]:
     """
     found = {}
     dots = ground.covariates["dots"]
-    for name in ("radius", "depth", "x", "y", "projector"):
-        if name in ground.covariates:
-            for where_name, where in bins.crossed(ground.covariates[name], dots):
-                found[f"level.{where_name}"] = bins.log(1 + bins.mean(image, where))
+    for name in ("radius", "depth", "x", "y"):
+        for where_name, where in bins.crossed(ground.covariates[name], dots):
+            found[f"level.{where_name}"] = bins.log(1 + bins.mean(image, where))
     inside = image[ground.counted & np.isfinite(image)]
     if inside.size < bins.FEWEST:
         return found

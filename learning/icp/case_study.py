@@ -12,6 +12,7 @@ from learning.icp.alignment import Disturbance
 from learning.icp.objects import Piece
 from learning.icp.study import REAL, Outcome
 from patterns import errors
+from patterns.errors import InputError
 from sim import progress
 from sim.capture import CapturedScene, CaptureSet
 
@@ -44,7 +45,6 @@ def case_study(
         InputError: as `study.align`, or if no scene holds an object whose shape tells its pose.
     """
     captured = {scene.name: scene for scene in captures.scenes}
-    check_objects([captured[one.example.scene] for one in next(iter(told.values()))])
     outcomes = []
     for views in tell(list(zip(*told.values(), strict=True)), "align"):
         example = views[0].example
@@ -69,6 +69,8 @@ def case_study(
                 seed=seed,
             )
         )
+    if not outcomes:
+        raise _nothing_to_align()
     return study.pool(outcomes)
 
 
@@ -79,8 +81,16 @@ def check_objects(scenes: Iterable[CapturedScene]) -> None:
         InputError: if none holds an object whose shape tells its pose.
     """
     if not any(map(pieces_of, scenes)):
-        rule = "must tell their pose by their shape"
-        raise errors.refuse("objects", rule, "none that does", "Show things 0.1 to 0.6 m long.")
+        raise _nothing_to_align()
+
+
+def _nothing_to_align() -> InputError:
+    return errors.refuse(
+        "objects",
+        "must tell their pose by their shape",
+        "none that does",
+        "Show things 0.1 to 0.6 m long.",
+    )
 
 
 def pieces_of(scene: CapturedScene) -> list[Piece]:
