@@ -14,7 +14,7 @@ from sim.effects.effect import Effect, Parameter, Stage, Value
 from sim.scene import Scene
 from sim.sensor import Sensor
 
-_NODES = 5  # Strengths of an effect, to each side where it has two.
+_NODES = 4  # Strengths of an effect, to each side where it has two.
 _LEAST = 1 / 30  # The weakest over the strongest, of effects of both signs.
 _WIDE = 4.0  # Ranges above this ratio are stepped by factors.
 # Without a partner they do nothing, or repeats alone show them, or they change the image's size.
@@ -91,10 +91,10 @@ def nodes(parameter: Parameter, base: Value) -> tuple[Value, ...]:
         steps = np.geomspace(_LEAST, 1, _NODES)
         values = [*(base - down * steps), *(base + up * steps)]
     elif low > 0:
-        values = [*np.geomspace(low, high, 2 * _NODES - 3)]
+        values = [*np.geomspace(low, high, 2 * _NODES - 2)]
         if parameter.neutral == 0 and base != 0:
             values.append(0.0)
     else:
-        values = [*np.linspace(low, high, 2 * _NODES - 3)]
+        values = [*np.linspace(low, high, 2 * _NODES - 2)]
     kept = {round(float(value), 9) for value in values}
     return tuple(sorted(value for value in kept if abs(value - base) > 1e-9 * max(1, abs(base))))

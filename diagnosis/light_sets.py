@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis import projector_frame
 from patterns.errors import refuse
-from sim import capture_info, capture_writer, frames, png, progress, scenes, simulate
+from sim import capture_info, capture_writer, png, progress, scenes, simulate
 from sim.effects import setting
 from sim.imager import electrons_per_radiance
-from sim.layers import Layers, View
+from sim.layers import Layers
 from sim.output import OutputFolder
 from sim.scenes import known
 from sim.sensor import Sensor
@@ -102,7 +103,7 @@ def nominal(sensor: Sensor) -> dict[str, Any]:
         "power_w": sensor.projector.power_w,
         "full_well_e": imager.full_well_e,
         "bit_depth": imager.bit_depth,
-        "dn_per_e": imager.dn_per_electron,
+        "dn_per_e": imager.dn_per_electron / imager.gain,
         "black_level_dn": imager.black_level_dn,
         "read_noise_e": imager.read_noise_e,
         "shot_noise": imager.shot_noise,
@@ -137,7 +138,7 @@ def _arrays(
         view, even, other = (getattr(one, side) for one in (layers, evenly, beside))
         scale = electrons_per_radiance(imager, wavelength, imager.exposure_s)
         power = scale * sensor.projector.power_w
-        px, py = _projector_tangents(view, sensor, side)
+        seen = projector_frame.tangents(view.depth_m, sensor, right=side == "right")
         found |= {
             f"{side}_laser_e": view.projector_direct * np.float32(power),
             f"{side}_even_e": even.projector_direct * np.float32(power),
@@ -145,24 +146,7 @@ def _arrays(
             f"{side}_other_e": other.other * np.float32(scale),
             f"{side}_depth_m": view.depth_m,
             f"{side}_body": view.body,
-            f"{side}_px": px,
-            f"{side}_py": py,
+            f"{side}_px": seen[..., 0],
+            f"{side}_py": seen[..., 1],
         }
     return found
-
-
-def _projector_tangents(view: View, sensor: Sensor, side: str) -> tuple[NDArray, NDArray]:
-    """x / z and y / z of every seen point in the projector's frame (h, w)."""
-    y, x = np.indices(view.depth_m.shape, np.float64)
-    ray = np.stack(
-        [(x - sensor.cx_px) / sensor.fx_px, (y - sensor.cy_px) / sensor.fy_px, np.ones_like(x)],
-        axis=-1,
-    )
-    point = ray * view.depth_m[..., None]
-    if side == "right":
-        point = point + np.array([sensor.baseline_m, 0.0, 0.0])
-    part = sensor.projector
-    local = (point - np.array(part.position_m)) @ frames.rotation(part.rotation_deg)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        px, py = local[..., 0] / local[..., 2], local[..., 1] / local[..., 2]
-    return px.astype(np.float32), py.astype(np.float32)

@@ -22,7 +22,7 @@ class Reading:
 
     left: Images | None  # Infrared codes; None where only depth was captured.
     right: Images | None
-    ours_px: Maps | None  # Disparity by our matcher from these images; NaN where there is none.
+    ours_px: Maps | None  # Disparity by our matcher, of the first repeat; NaN where there is none.
     device_px: Maps | None  # Disparity by the device's own depth; NaN likewise.
 
 
@@ -45,7 +45,7 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
     return Reading(
         left=left,
         right=right,
-        ours_px=None if left is None or right is None else matched(left, right, sensor),
+        ours_px=None if left is None or right is None else matched(left[:1], right[:1], sensor),
         device_px=np.stack([scene.info.disparity_px(one) for one in depths]) if depths else None,
     )
 

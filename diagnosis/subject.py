@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from diagnosis import projector_frame
 from diagnosis.ground import Ground, ground
 from diagnosis.reading import Reading, matched, read
 from patterns.errors import refuse
@@ -58,7 +59,7 @@ class Subject:
         ]
         left = np.stack([pair.left for pair in pairs])
         right = np.stack([pair.right for pair in pairs if pair.right is not None])
-        return Reading(left=left, right=right, ours_px=matched(left, right, sensor), device_px=None)
+        return Reading(left=left, right=right, ours_px=matched(left[:1], right[:1], sensor), device_px=None)
 
     def rematch(self, settings: Mapping[str, Value]) -> Reading:
         """Match the real infrared pair again, by a matcher with effects set."""
@@ -94,12 +95,19 @@ def subject(captured: CapturedScene, sensor: Sensor) -> Subject:
     if not np.isfinite(truth_m).any():
         raise refuse(f"scene {captured.name}", "must have reference depth", "none", "Leave it out.")
     expected = simulate.infrared(layers, scene, sensor).electrons
+    expected = expected * np.float32(sensor.left.dn_per_electron)
     return Subject(
         name=captured.name,
         room=captured.room,
         scene=scene,
         sensor=sensor,
-        ground=ground(captured.info.disparity_px(truth_m), expected, captured.info),
+        ground=ground(
+            captured.info.disparity_px(truth_m),
+            expected,
+            captured.info,
+            body=layers.left.body,
+            projector=projector_frame.tangents(truth_m, sensor),
+        ),
         real=read(captured, sensor),
         frames=len(captured.frames),
         _stage=stage,

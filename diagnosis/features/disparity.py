@@ -20,25 +20,27 @@ def disparity(found_px: Image, ground: Ground) -> dict[str, float]:
     """
     error = found_px - ground.disparity_px
     near = np.where(np.abs(error) <= _FAR_OFF_PX, error, np.nan)
-    open_pixels = ground.counted & (ground.covariates["edge"].label == 0)
-    missing = ~np.isfinite(found_px)
+    [(_, everywhere)], [(_, far)] = ground.whole(), ground.whole(far=True)
+    found_there = np.isfinite(found_px)
+    missing = ~found_there
     off = np.nan_to_num(np.abs(error), nan=0.0) > _FAR_OFF_PX
     found = {
-        "error.bias.all": bins.median(near, open_pixels),
-        "error.spread.all": bins.spread(near, open_pixels),
-        "error.far off.all": bins.rate(off, ground.counted & ~missing),
-        "holes.all": bins.rate(missing, ground.counted),
+        "error.bias.all": bins.median(near, far),
+        "error.spread.all": bins.spread(near, far),
+        "error.far off.all": bins.rate(off, bins.among(everywhere, found_there)),
+        "holes.all": bins.rate(missing, everywhere),
     }
-    for name, where in bins.each(ground, *_PLACES):
-        found[f"error.bias.{name}"] = bins.median(near, where & open_pixels)
-        found[f"error.spread.{name}"] = bins.spread(near, where & open_pixels)
-        found[f"holes.{name}"] = bins.rate(missing, where)
-    for name, where in bins.each(ground, "edge"):
+    for name, where in ground.each(*_PLACES, far=True):
         found[f"error.bias.{name}"] = bins.median(near, where)
         found[f"error.spread.{name}"] = bins.spread(near, where)
-        found[f"error.far off.{name}"] = bins.rate(off, where & ~missing)
+    for name, where in ground.each(*_PLACES):
+        found[f"holes.{name}"] = bins.rate(missing, where)
+    for name, where in ground.each("edge"):
+        found[f"error.bias.{name}"] = bins.median(near, where)
+        found[f"error.spread.{name}"] = bins.spread(near, where)
+        found[f"error.far off.{name}"] = bins.rate(off, bins.among(where, found_there))
         found[f"holes.{name}"] = bins.rate(missing, where)
     middle = found["error.bias.all"]
-    for name, where in bins.each(ground, "fraction"):
-        found[f"error.fraction.{name}"] = bins.median(near, where & open_pixels) - middle
+    for name, where in ground.each("fraction", far=True):
+        found[f"error.fraction.{name}"] = bins.median(near, where) - middle
     return found

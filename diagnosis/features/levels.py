@@ -19,9 +19,8 @@ def levels(image: Image, ground: Ground, ceiling: float) -> dict[str, float]:
         ceiling: largest code.
     """
     found = {}
-    dots = ground.covariates["dots"]
-    for name in ("radius", "depth", "x", "y"):
-        for where_name, where in bins.crossed(ground.covariates[name], dots):
+    for name in ("radius", "depth", "x", "y", "level"):
+        for where_name, where in ground.crossed(name, "dots"):
             found[f"level.{where_name}"] = bins.log(1 + bins.mean(image, where))
     inside = image[ground.counted & np.isfinite(image)]
     if inside.size < bins.FEWEST:

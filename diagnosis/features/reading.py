@@ -33,7 +33,6 @@ def of_image(reading: Reading, ground: Ground, *, ceiling: float) -> Features:
     found |= disparity.disparity(reading.ours_px[0], ground)
     if len(reading.left) > 1:
         found |= repeats.infrared(reading.left, ground)
-        found |= repeats.depth(reading.ours_px, ground)
     return found
 
 

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from diagnosis.features import bins
 from diagnosis.ground import Ground
 
-_LEVELS = (0.25, 0.5, 0.75)
-
 
 def infrared(frames: NDArray, ground: Ground) -> dict[str, float]:
     """Noise in time by level, its share of what all frames have in common, flicker.
@@ -20,13 +18,9 @@ def infrared(frames: NDArray, ground: Ground) -> dict[str, float]:
     """
     stack = frames.astype(np.float32)
     deviation = stack.std(axis=0, ddof=1)
-    limits = np.quantile(ground.expected[ground.counted], _LEVELS)
-    quarter = np.searchsorted(limits, ground.expected)
     found = {
-        f"time.noise.level {k + 1}/4": bins.log(
-            bins.mean(deviation, ground.counted & (quarter == k))
-        )
-        for k in range(len(_LEVELS) + 1)
+        f"time.noise.{name}": bins.log(bins.mean(deviation, where))
+        for name, where in ground.each("expected")
     }
     means = stack.reshape(len(stack), -1).mean(axis=1)
     found["time.flicker"] = bins.log(float(means.std(ddof=1) / max(means.mean(), 1e-3)))
@@ -47,14 +41,15 @@ def depth(frames_px: NDArray, ground: Ground) -> dict[str, float]:
     steady = valid.all(axis=0)
     step = np.diff(frames_px, axis=0)
     change = np.where(steady, np.abs(step).mean(axis=0), np.nan)
+    [(_, everywhere)] = ground.whole()
     found = {
-        "time.disparity": bins.log(bins.mean(change, ground.counted)),
-        "time.holes": bins.rate((valid[1:] != valid[:-1]).any(axis=0), ground.counted),
+        "time.disparity": bins.log(bins.mean(change, everywhere)),
+        "time.holes": bins.rate((valid[1:] != valid[:-1]).any(axis=0), everywhere),
     }
     if len(frames_px) >= 3:
         product = np.where(steady, (step[1:] * step[:-1]).mean(axis=0), np.nan)
         power = np.where(steady, (step**2).mean(axis=0), np.nan)
         # -1/2 for independent frames; nearer 0 where a filter carries them on.
-        ratio = bins.mean(product, ground.counted) / max(bins.mean(power, ground.counted), 1e-9)
+        ratio = bins.mean(product, everywhere) / max(bins.mean(power, everywhere), 1e-9)
         found["time.carried on"] = float(ratio)
     return found

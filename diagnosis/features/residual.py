@@ -9,7 +9,6 @@ from diagnosis.ground import Ground, Image
 
 _WINDOW_PX = 15
 _OUTLIER = 6.0  # Robust deviations.
-_LEVELS = (0.25, 0.5, 0.75)
 
 
 def residual(image: Image, ground: Ground) -> dict[str, float]:
@@ -23,20 +22,17 @@ def residual(image: Image, ground: Ground) -> dict[str, float]:
     fitted = mean + gain * (expected - mean_expected)
     left = fine - fitted
     found = {}
-    limits = np.quantile(expected[ground.counted], _LEVELS)
-    quarter = np.searchsorted(limits, expected)
-    for number in range(len(_LEVELS) + 1):
-        where = ground.counted & (quarter == number)
-        found[f"noise.level {number + 1}/4"] = bins.spread(left, where)
-        inside = left[where]
-        if inside.size >= bins.FEWEST:
-            sigma = max(np.exp(found[f"noise.level {number + 1}/4"]), 1e-3)
-            excess = np.log(max(inside.std(), 1e-3) / sigma)
-            found[f"noise.tails.level {number + 1}/4"] = float(excess)
-    for name, where in bins.each(ground, "radius", "depth"):
+    for name, where in ground.each("expected"):
         found[f"noise.{name}"] = bins.spread(left, where)
-    between = ground.covariates["dots"].where("between")
-    masked = np.where(between, left, np.nan)
+        inside = left.ravel()[where]
+        if inside.size >= bins.FEWEST:
+            sigma = max(np.exp(found[f"noise.{name}"]), 1e-3)
+            found[f"noise.tails.{name}"] = float(np.log(max(inside.std(), 1e-3) / sigma))
+    for name, where in ground.each("radius", "depth"):
+        found[f"noise.{name}"] = bins.spread(left, where)
+    mask = ground.covariates["dots"].where("between")
+    between = np.flatnonzero(mask)
+    masked = np.where(mask, left, np.nan)
     sigma = max(np.exp(bins.spread(left, between)), 1e-3)
     with np.errstate(invalid="ignore"):
         outlier = np.abs(left) > _OUTLIER * sigma

@@ -50,10 +50,8 @@ def _shifts(
     for name, (dx, dy) in steps.items():
         moved = warped(other, disparity_px, dx * STEP_PX, dy * STEP_PX)
         products[name] = flat * _standard(moved)
-    open_pixels = ground.covariates["edge"].label == 0
     found = {}
-    for name, where in (("all", ground.counted), *bins.each(ground, *_BINS)):
-        where = where & open_pixels
+    for name, where in (*ground.whole(far=True), *ground.each(*_BINS, far=True)):
         at = {step: bins.mean(product, where) for step, product in products.items()}
         found[f"{kind}.match.{name}"] = float(np.arctanh(np.clip(at[""], -0.999, 0.999)))
         for axis in ("x", "y"):

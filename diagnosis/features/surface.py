@@ -22,21 +22,22 @@ def surface(found_px: Image, ground: Ground) -> dict[str, float]:
     """
     valid = np.isfinite(found_px)
     error = np.where(valid, found_px - ground.disparity_px, np.nan)
-    where = ground.counted & (ground.covariates["edge"].label == 0) & (np.abs(error) < 2)
+    where = ground.open & (np.abs(error) < 2)
     error = error - np.nanmedian(np.where(where, error, np.nan)) if where.any() else error
     found: dict[str, float] = {}
-    power = bins.mean(error**2, where)
+    inside = np.flatnonzero(where)
+    power = bins.mean(error**2, inside)
     for lag in _LAGS_PX:
         for axis, name in ((1, "x"), (0, "y")):
             beside = np.roll(error, -lag, axis)
             both = where & np.roll(where, -lag, axis)
-            found[f"surface.alike {name}{lag}"] = bins.mean(error * beside, both) / max(power, 1e-9)
+            found[f"surface.alike {name}{lag}"] = bins.mean(error * beside, np.flatnonzero(both)) / max(power, 1e-9)
     for axis, name in ((1, "x"), (0, "y")):
         step = np.abs(found_px - np.roll(found_px, -1, axis))
         both = valid & np.roll(valid, -1, axis)
-        found[f"surface.equal {name}"] = bins.rate(step == 0, both)
+        found[f"surface.equal {name}"] = bins.rate(step == 0, np.flatnonzero(both))
         second = found_px - 0.5 * (np.roll(found_px, -1, axis) + np.roll(found_px, 1, axis))
-        found[f"surface.rough {name}"] = bins.spread(second, where)
+        found[f"surface.rough {name}"] = bins.spread(second, inside)
     found |= _pieces(found_px, valid)
     if valid.any():
         low, high = np.quantile(found_px[valid], (0.002, 0.998))
@@ -75,13 +76,14 @@ def against(device_px: Image, ours_px: Image, ground: Ground) -> dict[str, float
     device, ours = np.isfinite(device_px), np.isfinite(ours_px)
     difference = device_px - ours_px
     near = np.where(np.abs(difference) < 2, difference, np.nan)
+    [(_, everywhere)] = ground.whole()
     found = {
-        "against.lost": bins.rate(~device, ground.counted & ours),
-        "against.won": bins.rate(device, ground.counted & ~ours),
-        "against.bias": bins.median(near, ground.counted),
-        "against.spread": bins.spread(near, ground.counted),
+        "against.lost": bins.rate(~device, bins.among(everywhere, ours)),
+        "against.won": bins.rate(device, bins.among(everywhere, ~ours)),
+        "against.bias": bins.median(near, everywhere),
+        "against.spread": bins.spread(near, everywhere),
     }
-    for name, where in bins.each(ground, "edge", "level", "depth"):
-        found[f"against.lost.{name}"] = bins.rate(~device, where & ours)
+    for name, where in ground.each("edge", "level", "depth"):
+        found[f"against.lost.{name}"] = bins.rate(~device, bins.among(where, ours))
         found[f"against.bias.{name}"] = bins.median(near, where)
     return found

@@ -21,9 +21,8 @@ def texture(
     down = cv2.Sobel(fine, cv2.CV_32F, 0, 1) ** 2
     band = (cv2.GaussianBlur(fine, (0, 0), 1.0) - cv2.GaussianBlur(fine, (0, 0), 2.0)) ** 2
     found = {}
-    dots = ground.covariates["dots"]
     for name in places:
-        for where_name, where in bins.crossed(ground.covariates[name], dots):
+        for where_name, where in ground.crossed(name, "dots"):
             sharp = bins.log(bins.mean(laplacian, where))
             found[f"texture.laplacian.{where_name}"] = sharp
             coarse = bins.log(bins.mean(band, where))
@@ -32,7 +31,7 @@ def texture(
                 bins.mean(across, where)
             ) - bins.log(bins.mean(down, where))
     high = fine - bins.smooth(fine, 9)
-    for word, where in bins.each(ground, "dots"):
+    for word, where in ground.each("dots"):
         power = bins.mean(high**2, where)
         for dx, dy in _SHIFTS:
             beside = high * np.roll(high, (-dy, -dx), axis=(0, 1))

@@ -45,7 +45,7 @@ def test_a_strength_of_both_signs_departs_to_both_sides():
     parameter = setting.parameter_of("vertical_offset")[1]
     values = nodes(parameter, 0.0)
     assert values == tuple(-value for value in reversed(values))
-    assert values[-1] == 1.5 and values[5] == pytest.approx(0.05)
+    assert values[-1] == 1.5 and values[4] == pytest.approx(0.05)
 
 
 def test_a_strength_that_is_there_already_may_be_none():

@@ -35,7 +35,17 @@ def world(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 
 DISPARITY, EXPECTED = world()
-GROUND: Ground = ground(DISPARITY, EXPECTED, INFO)
+BODY = np.where(DISPARITY == NEAR_PX, 2, 1).astype(np.uint32)
+TANGENTS = np.stack(
+    np.meshgrid((np.arange(WIDTH) - 119.5) / 200, (np.arange(HEIGHT) - 79.5) / 200), axis=-1
+).astype(np.float32)
+
+
+def made(disparity_px: np.ndarray) -> Ground:
+    return ground(disparity_px, EXPECTED, INFO, body=BODY, projector=TANGENTS)
+
+
+GROUND = made(DISPARITY)
 
 
 def test_bins_part_the_counted_pixels():
@@ -64,7 +74,7 @@ def test_dots_are_bright_and_the_rest_is_not():
 
 def test_nothing_known_is_refused():
     with pytest.raises(InputError, match="reference depth must be known somewhere; got no pixel"):
-        ground(np.full_like(DISPARITY, np.nan), EXPECTED, INFO)
+        made(np.full_like(DISPARITY, np.nan))
 
 
 @given(st.floats(0.5, 2.0))
@@ -96,7 +106,7 @@ def test_noise_is_told_as_a_deviation(sigma):
     rng = np.random.default_rng(1)
     image = EXPECTED + sigma * rng.standard_normal(EXPECTED.shape).astype(np.float32)
     found = residual.residual(image, GROUND)
-    assert found["noise.level 1/4"] == pytest.approx(np.log(sigma), abs=0.1)
+    assert found["noise.expected.1/4"] == pytest.approx(np.log(sigma), abs=0.1)
     rows = image + 3 * rng.standard_normal((HEIGHT, 1)).astype(np.float32)
     striped = residual.residual(rows, GROUND)
     assert striped["noise.rows"] > found["noise.rows"] + 1
@@ -131,7 +141,7 @@ def test_repeats_tell_noise_in_time_and_what_is_carried_on():
     rng = np.random.default_rng(3)
     frames = EXPECTED + 2 * rng.standard_normal((12, HEIGHT, WIDTH))
     found = repeats.infrared(frames, GROUND)
-    assert found["time.noise.level 2/4"] == pytest.approx(np.log(2), abs=0.05)
+    assert found["time.noise.expected.2/4"] == pytest.approx(np.log(2), abs=0.05)
     maps = DISPARITY + 0.1 * rng.standard_normal((12, HEIGHT, WIDTH))
     told = repeats.depth(maps, GROUND)
     assert told["time.carried on"] == pytest.approx(-0.5, abs=0.02)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.ground import ground
 from diagnosis.howfar.closed import closed
 from diagnosis.howfar.distances import distances
 from diagnosis.reading import Reading
-from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, INFO
+from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, made
 
 
 def reading(
@@ -72,7 +71,7 @@ def test_too_few_pixels_have_no_errors():
     real = Reading(left=None, right=None, ours_px=nothing, device_px=None)
     found = distances(real, BASE, GROUND, device=False)
     assert np.isnan(found["bias_px"]) and np.isnan(found["ndp_1_auc"])
-    flat = ground(np.full_like(DISPARITY, 5.0), EXPECTED, INFO)
+    flat = made(np.full_like(DISPARITY, 5.0))
     assert distances(real, BASE, flat, device=False)["ndp_1_iou"] > 0.8
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from diagnosis.reading import Reading
-from diagnosis.where import swap, table
-from tests.unit.diagnosis.test_features import DISPARITY, GROUND
+from diagnosis.where import maps as maps_of
+from diagnosis.where import rules, swap, table
+from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND
 
 SCENES = 6
 
@@ -84,3 +85,72 @@ def test_rows_of_no_gap_are_rarely_named():
         rows = table.table(first, second, [GROUND] * 8)
         named += rows[0].p < 0.05
     assert named <= 4
+
+
+def images(seed: int, gain: np.ndarray | float) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.rint(gain * EXPECTED + rng.standard_normal(EXPECTED.shape) + 5).astype(np.uint8)[None]
+
+
+def pair_of(seed: int, gain: np.ndarray | float, holes: float) -> Reading:
+    image = images(seed, gain)
+    return Reading(left=image, right=image, ours_px=maps(seed, holes=holes), device_px=None)
+
+
+def test_maps_show_a_gap_in_the_frame_that_it_stands_in():
+    y, x = np.indices(DISPARITY.shape)
+    falling = 1 - 0.4 * (x / DISPARITY.shape[1])
+    simulated = [pair_of(scene, 1.0, 0.02) for scene in range(SCENES)]
+    real = [pair_of(50 + scene, falling, 0.05) for scene in range(SCENES)]
+    found = {
+        (one.quantity, one.frame): one for one in maps_of.maps(simulated, real, [GROUND] * SCENES)
+    }
+    level = found["infrared", maps_of.CAMERA]
+    row = level.mean[maps_of.ROWS // 2]
+    row = row[np.isfinite(row)]
+    assert row[0] > row[-1] + 0.2
+    assert np.nanmedian(np.abs(level.t)) > 3
+    holes = found["holes", maps_of.PROJECTOR].mean
+    assert np.nanmean(holes) == pytest.approx(0.03, abs=0.005)
+    assert np.isnan(holes[0, 0])  # The image does not reach the field's corner.
+    assert np.nanmean(np.abs(found["error", maps_of.CAMERA].mean)) < 0.05
+
+
+def test_a_gap_on_one_object_is_told_of_it():
+    only = np.where(GROUND.body == 2, 2.0, 1.0)
+    found = maps_of.bodies(["a"], [pair_of(0, 1.0, 0.02)], [pair_of(1, only, 0.02)], [GROUND])
+    assert [one.body for one in found] == [1, 2]
+    assert abs(found[0].infrared) < 0.02 and found[1].infrared > 0.4
+    assert all(abs(one.holes) < 0.03 for one in found)
+
+
+def test_maps_do_without_infrared():
+    bare = [dataclasses.replace(pair_of(n, 1.0, 0.02), left=None, right=None) for n in range(2)]
+    found = maps_of.maps(bare, bare, [GROUND] * 2)
+    assert {one.quantity for one in found} == {"error", "holes"}
+    assert np.isnan(maps_of.bodies(["a"], bare[:1], bare[:1], [GROUND])[0].infrared)
+
+
+def test_a_rule_says_where_holes_are():
+    near = GROUND.covariates["x"].where("left")
+    first = [holes(scene) for scene in range(SCENES)]
+    second = [holes(50 + scene, near) for scene in range(SCENES)]
+    rule = rules.rules(first, second, [GROUND] * SCENES)[0]
+    assert "x < 0.33" in rule.text and "widths" in rule.text
+    assert rule.gap == pytest.approx(0.1, abs=0.02)
+    assert rule.share == pytest.approx(1, abs=0.15)
+    assert rule.area == pytest.approx(near.sum() / GROUND.counted.sum(), abs=0.03)
+
+
+def test_a_rule_of_two_conditions_says_both():
+    where = GROUND.covariates["x"].where("left") & GROUND.covariates["y"].where("top")
+    first = [holes(scene) for scene in range(SCENES)]
+    second = [holes(50 + scene, where) for scene in range(SCENES)]
+    text = rules.rules(first, second, [GROUND] * SCENES)[0].text
+    assert "and" in text
+
+
+def test_no_rule_is_made_of_noise_that_other_scenes_do_not_confirm():
+    first = [holes(scene) for scene in range(SCENES)]
+    second = [holes(50 + scene) for scene in range(SCENES)]
+    assert all(abs(rule.gap) < 0.02 for rule in rules.rules(first, second, [GROUND] * SCENES))

@@ -1,0 +1,144 @@
+"""The gap as pictures: in the camera's frame, the projector's, and by object.
+
+What an imager or lens does stays at its place in the image; what a projector does stays at its
+place in the projector's field; what a material does stays on the object.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.ground import Ground, Mask
+from diagnosis.reading import Reading
+
+CAMERA, PROJECTOR = "camera", "projector"
+ROWS, COLUMNS = 18, 32  # Cells of a map.
+_FEWEST = 50  # Pixels of a scene in a cell.
+_FIELD = 1.0  # Tangent of the half field that a projector's map shows to each side.
+_FAR_OFF_PX = 2.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Map:
+    """Mean over scenes of one quantity's gap in one frame."""
+
+    quantity: str  # "infrared": log ratio; "error": [px]; "holes": share.
+    frame: str
+    mean: NDArray[np.float64]  # (rows, columns); NaN where fewer than two scenes reach.
+    t: NDArray[np.float64]  # Likewise over its deviation.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class OfBody:
+    """The gap on one object of one scene."""
+
+    scene: str
+    body: int
+    pixels: int
+    infrared: float  # Logarithm of the real level over the simulated; NaN without infrared.
+    holes: float  # Share of real no-depth pixels less the simulated.
+
+
+def maps(
+    simulated: Sequence[Reading], real: Sequence[Reading], grounds: Sequence[Ground]
+) -> list[Map]:
+    """Draw all maps that the readings allow.
+
+    Args:
+        simulated: readings of the base.
+        real: what was captured.
+        grounds: of the scenes.
+    """
+    found = []
+    gaps = [_gaps(*one) for one in zip(simulated, real, grounds, strict=True)]
+    for frame in (CAMERA, PROJECTOR):
+        cells = [_cells(ground, frame) for ground in grounds]
+        for quantity in gaps[0]:
+            each = np.stack(
+                [_means(gap[quantity], cell) for gap, cell in zip(gaps, cells, strict=True)]
+            )
+            found.append(_over_scenes(quantity, frame, each))
+    return found
+
+
+def bodies(
+    names: Sequence[str],
+    simulated: Sequence[Reading],
+    real: Sequence[Reading],
+    grounds: Sequence[Ground],
+) -> list[OfBody]:
+    """Compare object by object, those with most pixels first."""
+    found = []
+    for name, one, other, ground in zip(names, simulated, real, grounds, strict=True):
+        gap = _gaps(one, other, ground)
+        for body in np.unique(ground.body[ground.counted]):
+            where = ground.counted & (ground.body == body)
+            if np.count_nonzero(where) < _FEWEST:
+                continue
+            level = gap.get("infrared")
+            found.append(
+                OfBody(
+                    scene=name,
+                    body=int(body),
+                    pixels=int(np.count_nonzero(where)),
+                    infrared=float("nan") if level is None else float(np.nanmean(level[where])),
+                    holes=float(np.nanmean(gap["holes"][where])),
+                )
+            )
+    return sorted(found, key=lambda one: -one.pixels)
+
+
+def _gaps(simulated: Reading, real: Reading, ground: Ground) -> dict[str, NDArray[np.float64]]:
+    """Real less simulated, a value a pixel; NaN where it is not known."""
+    found = {}
+    if real.left is not None and simulated.left is not None:
+        ratio = np.log((real.left[0] + 1.0) / (simulated.left[0] + 1.0))
+        found["infrared"] = _counted(ratio, ground.counted)
+    ours = simulated.ours_px
+    device = real.device_px if real.device_px is not None else real.ours_px
+    assert ours is not None and device is not None
+    error = device[0] - ours[0].astype(np.float64)
+    near = np.abs(error) <= _FAR_OFF_PX
+    found["error"] = _counted(np.where(near, error, np.nan), ground.counted)
+    change = (~np.isfinite(device[0])).astype(np.float64) - ~np.isfinite(ours[0])
+    found["holes"] = _counted(change, ground.counted)
+    return found
+
+
+def _counted(values: NDArray, counted: Mask) -> NDArray[np.float64]:
+    return np.where(counted, values, np.nan)
+
+
+def _cells(ground: Ground, frame: str) -> NDArray[np.int64]:
+    """Number of each pixel's cell (h, w); -1 outside."""
+    if frame == CAMERA:
+        y, x = np.indices(ground.counted.shape)
+        return y * ROWS // y.shape[0] * COLUMNS + x * COLUMNS // x.shape[1]
+    across, down = (ground.projector[..., axis] / _FIELD for axis in (0, 1))
+    inside = (np.abs(across) < 1) & (np.abs(down) < 1)
+    column = np.floor((np.where(inside, across, 0) + 1) / 2 * COLUMNS).astype(np.int64)
+    row = np.floor((np.where(inside, down, 0) + 1) / 2 * ROWS).astype(np.int64)
+    return np.where(inside, row * COLUMNS + column, -1)
+
+
+def _means(values: NDArray[np.float64], cell: NDArray[np.int64]) -> NDArray[np.float64]:
+    known = np.isfinite(values) & (cell >= 0)
+    count = np.bincount(cell[known], minlength=ROWS * COLUMNS)
+    total = np.bincount(cell[known], values[known], minlength=ROWS * COLUMNS)
+    mean = np.where(count >= _FEWEST, total / np.maximum(count, 1), np.nan)
+    return mean.reshape(ROWS, COLUMNS)
+
+
+def _over_scenes(quantity: str, frame: str, each: NDArray[np.float64]) -> Map:
+    known = np.isfinite(each)
+    count = known.sum(axis=0)
+    total = np.where(known, each, 0.0).sum(axis=0)
+    mean = np.where(count >= 2, total / np.maximum(count, 1), np.nan)
+    square = np.where(known, (each - mean) ** 2, 0.0).sum(axis=0)
+    error = np.sqrt(square / np.maximum(count - 1, 1) / np.maximum(count, 1))
+    t = np.where(np.isfinite(mean), mean / np.maximum(error, 1e-9), np.nan)
+    return Map(quantity=quantity, frame=frame, mean=mean, t=t)

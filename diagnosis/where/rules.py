@@ -1,0 +1,134 @@
+"""Plain rules that tell where the gap in holes lies: a small tree over the covariates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.tree import DecisionTreeRegressor
+
+from diagnosis.ground import Ground, Mask
+
+_DEPTH = 3
+_LEAST_AREA = 0.01  # Share of the pixels that a rule must cover.
+_FAIR_SHARE = 0.1
+_PIXELS = 20_000  # Drawn of each scene.
+_LEAST_SCENES = 0.75  # Share of the scenes, not among those learnt from, that must agree in sign.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Rule:
+    """A part of all pixels, and the gap there."""
+
+    text: str  # As `level < 12 DN and edge > 12 px`.
+    gap: float  # Share of no-depth pixels, second less first.
+    area: float  # Share of the counted pixels.
+    share: float  # Share of the whole gap; NaN where there is next to none.
+
+
+def rules(first: Sequence[Mask], second: Sequence[Mask], grounds: Sequence[Ground]) -> list[Rule]:
+    """Find where the second maps have no depth and the first have.
+
+    Half of the scenes grow the tree, the other half measure its leaves.
+
+    Args:
+        first: (h, w) of every scene, True without depth.
+        second: likewise.
+        grounds: of the scenes; at least two.
+
+    Returns:
+        Rules by size of their share of the gap; those that the other scenes do not confirm are
+        left out.
+    """
+    names = [one.name for one in grounds[0].covariates.values() if one.value is not None]
+    rng = np.random.default_rng(0)
+    drawn = [
+        _drawn(before, after, ground, names, rng)
+        for before, after, ground in zip(first, second, grounds, strict=True)
+    ]
+    learn, judge = drawn[::2], drawn[1::2]
+    tree = _grown(np.concatenate([x for x, _ in learn]), np.concatenate([y for _, y in learn]))
+    leaves = [tree.apply(x) for x, _ in judge]
+    total = float(np.mean([y.mean() for _, y in judge]))
+    units = {name: grounds[0].covariates[name].unit for name in names}
+    found = []
+    for leaf, text in _paths(tree, names, units):
+        each = np.array(
+            [
+                y[at == leaf].mean() if np.any(at == leaf) else np.nan
+                for (_, y), at in zip(judge, leaves, strict=True)
+            ]
+        )
+        known = each[np.isfinite(each)]
+        if not known.size:
+            continue
+        gap = float(known.mean())
+        area = float(np.mean([np.mean(at == leaf) for at in leaves]))
+        if not text or np.mean(np.sign(known) == np.sign(gap)) < _LEAST_SCENES:
+            continue
+        share = gap * area / total if abs(total) > 1e-4 else float("nan")
+        found.append(Rule(text=text, gap=gap, area=area, share=share))
+    return sorted(found, key=lambda rule: -abs(rule.gap * rule.area))
+
+
+def _drawn(
+    before: Mask, after: Mask, ground: Ground, names: Sequence[str], rng: np.random.Generator
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Covariates (n, covariates) and the change (n,) of some pixels of a scene."""
+    pixels = np.flatnonzero(ground.counted)
+    pixels = rng.choice(pixels, size=min(_PIXELS, pixels.size), replace=False)
+    columns = []
+    for name in names:
+        value = ground.covariates[name].value
+        assert value is not None
+        columns.append(value.ravel()[pixels])
+    change = after.ravel()[pixels].astype(np.float32) - before.ravel()[pixels]
+    return np.stack(columns, axis=1), change
+
+
+def _grown(x: NDArray[np.float32], y: NDArray[np.float32]) -> DecisionTreeRegressor:
+    """A tree whose every split gains a fair share of what the first gains."""
+    stump = DecisionTreeRegressor(max_depth=1, min_samples_leaf=_LEAST_AREA, random_state=0)
+    impurity = stump.fit(x, y).tree_.impurity
+    weight = stump.tree_.weighted_n_node_samples / len(y)
+    gained = impurity[0] - float((impurity[1:] * weight[1:]).sum()) if len(impurity) > 1 else 0.0
+    return DecisionTreeRegressor(
+        max_depth=_DEPTH,
+        min_samples_leaf=_LEAST_AREA,
+        min_impurity_decrease=_FAIR_SHARE * gained,
+        random_state=0,
+    ).fit(x, y)
+
+
+def _paths(
+    tree: DecisionTreeRegressor, names: Sequence[str], units: dict[str, str]
+) -> list[tuple[int, str]]:
+    """Leaves of the tree, each with the conditions that lead there."""
+    grown = tree.tree_
+    found: list[tuple[int, str]] = []
+
+    def walk(node: int, limits: dict[str, tuple[float, float]]) -> None:
+        if grown.children_left[node] < 0:
+            found.append((node, " and ".join(_said(limits, units))))
+            return
+        name, at = names[grown.feature[node]], float(grown.threshold[node])
+        low, high = limits.get(name, (-np.inf, np.inf))
+        walk(grown.children_left[node], {**limits, name: (low, min(high, at))})
+        walk(grown.children_right[node], {**limits, name: (max(low, at), high)})
+
+    walk(0, {})
+    return found
+
+
+def _said(limits: dict[str, tuple[float, float]], units: dict[str, str]) -> list[str]:
+    said = []
+    for name, (low, high) in limits.items():
+        if np.isfinite(low) and np.isfinite(high):
+            said.append(f"{name} {low:.3g} to {high:.3g} {units[name]}")
+        elif np.isfinite(low):
+            said.append(f"{name} > {low:.3g} {units[name]}")
+        else:
+            said.append(f"{name} < {high:.3g} {units[name]}")
+    return said
