@@ -46,12 +46,9 @@ def job(folder: Path, camera: Nominal) -> Job:
         WithheldError: if a material is of a kind that Cycles is not told of, or `nominal.json`
             leaves out the imager's light.
     """
-    info = capture_info.read(folder.parent / capture_info.FILE)
-    sensor = info.geometry_into(sensors.load(info.sensor))
-    captured = CapturedScene(
-        name=folder.name, room=folder.name, path=folder, info=info, frames=()
-    )
-    scene = known.load(captured, sensor)
+    seen = captured(folder)
+    sensor = seen.info.geometry_into(sensors.load(seen.info.sensor))
+    scene = known.load(seen, sensor)
     if scene is None:
         raise refuse("scene", "must have a scene.toml", folder, "Make the light again.")
     _refuse_untold(scene)
@@ -75,6 +72,16 @@ def job(folder: Path, camera: Nominal) -> Job:
         electrons=radiometry.electrons_per_radiance(camera, sensor.left.lens.transmission),
         power_w=camera.power_w,
     )
+
+
+def captured(folder: Path) -> CapturedScene:
+    """The scene of a folder of light, as a captured one without frames.
+
+    Raises:
+        InputError: if `capture.toml` of the folder above is refused.
+    """
+    info = capture_info.read(folder.parent / capture_info.FILE)
+    return CapturedScene(name=folder.name, room=folder.name, path=folder, info=info, frames=())
 
 
 def _refuse_untold(scene: Scene) -> None:

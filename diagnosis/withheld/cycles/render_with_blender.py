@@ -16,6 +16,9 @@ would be noise. Two lights in one place are two colours of one light. Of a point
 light nothing is random but the place in the pixel.
 """
 
+# Only Blender's own environment has its modules; functions import them, so that this file can be
+# looked at anywhere.
+# pyright: reportMissingImports=false
 from __future__ import annotations
 
 import argparse
@@ -236,7 +239,7 @@ def _surface(table: dict[str, Any]) -> Any:
         surface.inputs["Roughness"].default_value = 0.0
     else:
         surface = nodes.new("ShaderNodeBsdfPrincipled")
-        surface.distribution = "MULTI_GGX"
+        surface.distribution = "GGX"  # As materials are given: light that leaves at once.
         surface.inputs["Base Color"].default_value = grey
         # Blender's roughness is the root of the microfacets' slope.
         surface.inputs["Roughness"].default_value = math.sqrt(table["roughness"])
@@ -348,6 +351,7 @@ def _geometry() -> Any:
     if "geometry" in bpy.data.materials:
         return bpy.data.materials["geometry"]
     material = bpy.data.materials.new("geometry")
+    material.cycles.emission_sampling = "NONE"  # It is seen, and lights nothing.
     nodes, links = _nodes(material)
     told = nodes.new("ShaderNodeCombineXYZ")
     links.new(nodes.new("ShaderNodeCameraData").outputs["View Z Depth"], told.inputs[0])

@@ -10,7 +10,11 @@ import pytest
 from diagnosis.withheld.errors import WithheldError, refusal
 
 ROOT = Path(__file__).parents[4]
-FILES = sorted((ROOT / "diagnosis" / "withheld").glob("*.py"))
+# What Blender's interpreter runs, a process of its own, and what it may import beside all others.
+SCRIPT = ROOT / "diagnosis" / "withheld" / "cycles" / "render_with_blender.py"
+BLENDER = {"bpy", "bpy_extras", "mathutils"}
+OF_SCRIPT = {*BLENDER, "argparse", "sys", "tempfile", "time"}
+FILES = sorted({*(ROOT / "diagnosis" / "withheld").rglob("*.py")} - {SCRIPT})
 STANDARD = {
     "__future__",
     "collections",
@@ -49,6 +53,21 @@ def test_imports_stay_inside_the_wall(path: Path) -> None:
         own = name.startswith("diagnosis.withheld")
         captures = name == "sim.capture" or name.startswith("sim.capture.")
         assert own or captures or name.split(".")[0] in STANDARD | LIBRARIES, name
+
+
+def test_blenders_script_imports_blender_and_numpy_alone() -> None:
+    tops = {name.split(".")[0] for name in _imports(SCRIPT)}
+    assert tops <= STANDARD | OF_SCRIPT | {"numpy"}
+
+
+def test_nothing_else_imports_blender_or_the_script() -> None:
+    """Its licence is another: it runs elsewhere, and files go to and fro."""
+    rooms = ("patterns", "sim", "calibration", "learning", "diagnosis")
+    for path in {p for room in rooms for p in (ROOT / room).rglob("*.py")} - {SCRIPT}:
+        text = path.read_text(encoding="utf-8")
+        if "bpy" in text or SCRIPT.stem in text:
+            names = {part for name in _imports(path) for part in name.split(".")}
+            assert not names & {*BLENDER, SCRIPT.stem}, path
 
 
 def test_captures_are_read_in_one_file_alone() -> None:

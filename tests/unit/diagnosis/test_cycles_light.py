@@ -1,0 +1,210 @@
+"""Scenes as jobs for Cycles, and folders of light made anew; a stand-in plays Blender."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis import cycles_job, cycles_light
+from diagnosis.light_sets import OTHER_M, nominal
+from diagnosis.withheld import light
+from diagnosis.withheld import nominal as nominal_file
+from diagnosis.withheld.errors import WithheldError
+from patterns.errors import InputError
+from sim import capture_info, capture_writer, frames, scene_file, sensors
+from sim.effects import setting
+from sim.scenes import builtin, known
+from sim.sensor import Sensor
+from sim.sensor_edits import with_values
+
+# Plays Blender: everything is the wall at 1 m. Stops at the second scene where `stop` lies by it.
+STAND_IN = """
+import json, pathlib, sys
+import numpy as np
+if "-c" in sys.argv:
+    sys.exit(print("stand-in", file=sys.stderr))
+job, out = (pathlib.Path(word) for word in sys.argv[3:5])
+table = json.loads((job / "job.json").read_text())
+done = pathlib.Path(__file__).with_name("done")
+if pathlib.Path(__file__).with_name("stop").exists() and done.exists():
+    sys.exit("the lamp went out")
+done.write_text(str(table["seed"]))
+out.mkdir()
+names = [*table["projectors"], "ambient", "geometry"]
+for side in table["cameras"]:
+    for name in names:
+        np.save(out / f"{side}_{name}.npy",
+                np.ones((table["height"], table["width"], 3), np.float32))
+(out / "rendered.json").write_text("{}")
+"""
+
+
+def sensor() -> Sensor:
+    ideal, _ = setting.ideal(sensors.load("d435"), builtin.wall(1.0))
+    size = [("width", 32), ("height", 32), ("fx_px", 16.0), ("fy_px", 16.0)]
+    return with_values(ideal, [*size, ("cx_px", 15.5), ("cy_px", 15.0)])
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    """A folder of light of two scenes, as `light_sets.write` leaves it but for the light."""
+    folder, nominal_sensor = tmp_path / "light", sensor()
+    info = capture_writer.info_of(nominal_sensor, source="check", licence="none", notes="")
+    told = {**nominal(nominal_sensor), "ambient_w_m2": 0.1}
+    for name in ("wall-1", "wall-2"):
+        (folder / name).mkdir(parents=True)
+        word = name.replace("-", ":")
+        seen = known.describe(word, frames.pose((0.1, 0.0, 0.0)), folder / name)
+        assert seen is not None
+        (folder / name / "scene.toml").write_text(scene_file.dumps(seen))
+        (folder / name / "room").write_text(name + "\n")
+        (folder / name / "light.npz").write_bytes(b"another's")
+    (folder / "capture.toml").write_text(capture_info.dumps(info))
+    (folder / "nominal.json").write_text(json.dumps(told))
+    return folder
+
+
+@pytest.fixture
+def blender(tmp_path: Path) -> Path:
+    script = tmp_path / "blender" / "stand_in.py"
+    script.parent.mkdir()
+    script.write_text(STAND_IN)
+    program = script.with_name("python")
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{script}" "$@"\n')
+    program.chmod(0o755)
+    return program
+
+
+def test_a_scene_is_told_as_its_file_says(source: Path) -> None:
+    camera = nominal_file.read(source / "nominal.json")
+    job = cycles_job.job(source / "wall-1", camera)
+    left, right = job.cameras["left"], job.cameras["right"]
+    np.testing.assert_allclose(left[:3, 3], (0.1, 0, 0))
+    np.testing.assert_allclose(right[:3, 3], (0.1 + camera.baseline_m, 0, 0))
+    assert [body.name for body in job.bodies] == ["wall"]
+    assert job.bodies[0].reflectance == 0.65
+    own, other = job.projectors["own-0"], job.projectors["other-0"]
+    np.testing.assert_allclose(own.world_from_projector[:3, 3], (0.129, 0, 0))
+    np.testing.assert_allclose(other.world_from_projector[:3, 3], (0.1 + OTHER_M, 0, 0))
+    assert own.intensity_w_sr.shape[2] == 2 and other.intensity_w_sr.shape[2] == 1
+    assert own.half_tangents[0] == pytest.approx(1.0)  # Of 90 degrees.
+    assert job.sky.gradient == 0.5
+    assert job.centre_px == (15.5, 15.0)
+
+
+def test_dots_and_even_light_have_one_power(source: Path) -> None:
+    camera = nominal_file.read(source / "nominal.json")
+    lamp = cycles_job.job(source / "wall-1", camera).projectors["own-0"]
+    height, width, _ = lamp.intensity_w_sr.shape
+    x = ((np.arange(width) + 0.5) / width * 2 - 1) * lamp.half_tangents[0]
+    y = ((np.arange(height) + 0.5) / height * 2 - 1) * lamp.half_tangents[1]
+    pixel = 4 * lamp.half_tangents[0] * lamp.half_tangents[1] / (width * height)
+    solid = pixel / (1 + x[None, :] ** 2 + y[:, None] ** 2) ** 1.5
+    for channel in range(2):
+        power = float((lamp.intensity_w_sr[..., channel] * solid).sum())
+        assert power == pytest.approx(1.0, rel=1e-4)
+
+
+def test_folders_are_made_whole_and_gone_on_with(source: Path, blender: Path, tmp_path: Path):
+    out = tmp_path / "out"
+    (blender.parent / "stop").touch()
+    with pytest.raises(InputError, match="rendering of wall-2 must end well; got the lamp went"):
+        cycles_light.write(source, out, blender, seed=4)
+    assert sorted(path.name for path in out.iterdir() if path.is_dir()) == ["wall-1"]
+    assert not list(tmp_path.glob(".out*"))
+    before = (out / "wall-1" / "light.npz").stat().st_mtime_ns
+    (blender.parent / "stop").unlink()
+    cycles_light.write(source, out, blender, seed=4)
+    assert (out / "wall-1" / "light.npz").stat().st_mtime_ns == before
+    assert (blender.parent / "done").read_text() == "5"  # Each scene has a seed of its own.
+    camera = nominal_file.read(out / "nominal.json")
+    for scene in ("wall-1", "wall-2"):
+        made = light.read(out / scene / "light.npz", camera.shape)
+        assert (made.left.depth_m == 1).all() and made.right.laser_e.min() > 0
+        for name in ("room", "scene.toml"):
+            assert (out / scene / name).read_text() == (source / scene / name).read_text()
+    assert (out / "capture.toml").read_text() == (source / "capture.toml").read_text()
+
+
+def test_folders_begun_otherwise_are_left_alone(source: Path, blender: Path, tmp_path: Path):
+    out = tmp_path / "out"
+    cycles_light.write(source, out, blender)
+    with pytest.raises(InputError, match=r"cycles\.json must be as it was"):
+        cycles_light.write(source, out, blender, samples=8)
+    (out / "nominal.json").write_text("{}")
+    with pytest.raises(InputError, match=r"nominal\.json must be as it was"):
+        cycles_light.write(source, out, blender)
+    (out / "nominal.json").unlink()
+    with pytest.raises(InputError, match=r"nominal\.json must be readable"):
+        cycles_light.write(source, out, blender)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine").touch()
+    with pytest.raises(InputError, match="out must be new, empty or begun before"):
+        cycles_light.write(source, tmp_path / "full", blender)
+
+
+def test_an_end_without_a_record_is_refused(source: Path, blender: Path, tmp_path: Path):
+    script = blender.with_name("stand_in.py")
+    script.write_text(STAND_IN.replace('(out / "rendered.json")', "pathlib.Path('/dev/null')"))
+    with pytest.raises(InputError, match="rendering of wall-1 must end; got no record"):
+        cycles_light.write(source, tmp_path / "out", blender)
+
+
+def test_no_blender_is_one_line(source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    words = [str(source), str(tmp_path / "out"), "--blender"]
+    assert cycles_light.main([*words, str(tmp_path / "none")]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("blender must be a Python that runs; got ")
+    assert "tools/blender.sh" in said and said.count("\n") == 1
+    assert cycles_light.main([*words, sys.executable]) == 1  # Which has no bpy.
+    assert "No module named 'bpy'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_line_makes_a_folder(source: Path, blender: Path, tmp_path: Path):
+    out = tmp_path / "out"
+    words = [str(source), str(out), "--blender", str(blender), "--samples", "2", "--threads", "1"]
+    assert cycles_light.main(words) == 0
+    assert json.loads((out / "cycles.json").read_text()) == {
+        "blender": "stand-in",
+        "samples": 2,
+        "seed": 0,
+    }
+
+
+def test_light_without_scenes_is_refused(source: Path, blender: Path, tmp_path: Path):
+    for path in source.glob("*/light.npz"):
+        path.unlink()
+    with pytest.raises(InputError, match=r"light must hold SCENE/light\.npz"):
+        cycles_light.write(source, tmp_path / "out", blender)
+
+
+def test_scenes_that_cannot_be_told_are_refused(source: Path, tmp_path: Path):
+    camera = nominal_file.read(source / "nominal.json")
+    (source / "wall-1" / "scene.toml").unlink()
+    with pytest.raises(InputError, match=r"scene must have a scene\.toml"):
+        cycles_job.job(source / "wall-1", camera)
+    xml = tmp_path / "ball.xml"
+    xml.write_text('<scene version="3.0.0"><shape type="sphere"/></scene>')
+    seen = known.describe(str(xml), np.eye(4), source / "wall-2")
+    assert seen is not None
+    (source / "wall-2" / "scene.toml").write_text(scene_file.dumps(seen))
+    with pytest.raises(InputError, match="scene must be bodies of one material each; got 1 shapes"):
+        cycles_job.job(source / "wall-2", camera)
+
+
+def test_another_cameras_light_is_refused(source: Path):
+    path = source / "nominal.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "projector_x_m": 0.04}))
+    with pytest.raises(InputError, match=r"projector_x_m of nominal\.json must be 0\.029"):
+        cycles_job.job(source / "wall-1", nominal_file.read(path))
+
+
+def test_damaged_light_folder(source: Path, blender: Path, tmp_path: Path):
+    (source / "nominal.json").write_text("{")
+    with pytest.raises(WithheldError, match=r"nominal\.json must be a readable"):
+        cycles_light.write(source, tmp_path / "out", blender)
