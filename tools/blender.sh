@@ -2,7 +2,7 @@
 # Make the environment in which Cycles renders light for the check on withheld effects, apart from
 # Starling's own: Blender's module wants Python 3.11 exactly and numpy 1, and its licence is the GPL.
 #
-# Usage: tools/blender.sh [FOLDER]      (default: .blender beside this folder; about 1.5 GB)
+# Usage: tools/blender.sh [FOLDER]      (default: .blender beside this folder; about 1 GB)
 #
 # Then: python -m diagnosis.cycles_light LIGHT OUT --blender FOLDER/bin/python
 # A second call finds everything done and returns at once. PYTHON chooses the interpreter.

@@ -1,0 +1,144 @@
+"""Light by Cycles and by our own renderer, which share meshes, materials and the pattern alone.
+
+**Rationale.** A table with things of matt, coated and metal surfaces, seen by an ideal D435 of
+320 x 180 pixels that are not square; both renderers make its light. Blender is looked for where
+`STARLING_BLENDER` says, else in `.blender`, where `tools/blender.sh` puts it.
+
+**Expected behaviour.** Depth, bodies and the projector's frame agree but at silhouettes. Radiance
+of matt and metal surfaces under the projectors, and of matt ones under the sky, is the same
+physics twice: levels within 1 and 3 %. Dots lie at the same places.
+
+**What it does not compare.** Coated bodies: Cycles returns the reflectance that the material
+states, ours what is left of it after inner reflections in the coat under a projector, though all
+of it under the sky. Metal under the sky: Cycles mirrors it, ours takes the surface for matt.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from diagnosis import cycles_light, light_sets
+from patterns.errors import InputError
+from sim import scenes, sensors
+from sim.effects import setting
+from sim.scenes import builtin
+from sim.sensor import Sensor
+from sim.sensor_edits import with_values
+
+ROOT = Path(__file__).parents[2]
+BLENDER = Path(os.environ.get("STARLING_BLENDER", ROOT / ".blender" / "bin" / "python"))
+SCENE = "tabletop:1"
+SAMPLES = 32
+TILE_PX = 40
+Arrays = dict[str, np.ndarray]
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not BLENDER.exists(), reason=f"no Blender at {BLENDER}: run tools/blender.sh"
+    ),
+]
+
+
+def nominal() -> Sensor:
+    """An ideal D435 of 320 x 180, the axis off its middle, pixels of two sides."""
+    ideal, _ = setting.ideal(sensors.load("d435"), builtin.wall(1.0))
+    size = [("width", 320), ("height", 180), ("fx_px", 162.0), ("fy_px", 158.0)]
+    return with_values(ideal, [*size, ("cx_px", 163.2), ("cy_px", 86.7)])
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arrays, Arrays]:
+    """Arrays of `light.npz`: Cycles', ours."""
+    folder = tmp_path_factory.mktemp("cycles")
+    light_sets.write(folder / "ours", [SCENE], nominal())
+    try:
+        cycles_light.write(folder / "ours", folder / "theirs", BLENDER, samples=SAMPLES, threads=2)
+    except InputError as error:
+        if "import" in str(error) or "module" in str(error):
+            pytest.skip(f"Blender does not load here: {error}")
+        raise
+    theirs, ours = (
+        dict(np.load(folder / name / SCENE.replace(":", "-") / light_sets.LIGHT))
+        for name in ("theirs", "ours")
+    )
+    return theirs, ours
+
+
+@pytest.fixture(scope="module")
+def kinds() -> dict[str, list[int]]:
+    """Numbers of the bodies by their materials' kind."""
+    found: dict[str, list[int]] = {}
+    for number, body in enumerate(scenes.load(SCENE, nominal()).bodies, 1):
+        found.setdefault(body.material.kind, []).append(number)
+    return found
+
+
+def inside(both: tuple[Arrays, Arrays], side: str, numbers: list[int]) -> np.ndarray:
+    """Pixels that both renderers fill with these bodies, their neighbours too."""
+    theirs, ours = both
+    same = theirs[f"{side}_body"] == ours[f"{side}_body"]
+    return ndimage.binary_erosion(same & np.isin(ours[f"{side}_body"], numbers), np.ones((3, 3)))
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_geometry_is_the_same(both, side):
+    theirs, ours = both
+    assert (theirs[f"{side}_body"] == ours[f"{side}_body"]).mean() > 0.999
+    missed_m = np.abs(theirs[f"{side}_depth_m"] - ours[f"{side}_depth_m"])
+    assert np.quantile(missed_m, 0.999) < 1e-3
+    for name in ("px", "py"):
+        missed = np.abs(theirs[f"{side}_{name}"] - ours[f"{side}_{name}"])
+        assert np.quantile(missed, 0.999) < 1e-4
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize(
+    ("kind", "name", "tolerance"),
+    [
+        ("diffuse", "laser", 0.01),
+        ("diffuse", "even", 0.01),
+        ("diffuse", "other", 0.01),
+        ("diffuse", "ambient", 0.01),
+        ("metal", "even", 0.03),
+    ],
+)
+def test_levels_are_the_same(both, kinds, side, kind, name, tolerance):
+    theirs, ours = (light[f"{side}_{name}_e"] for light in both)
+    there = inside(both, side, kinds[kind])
+    assert there.sum() > 100
+    assert theirs[there].mean() == pytest.approx(ours[there].mean(), rel=tolerance)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("name", ["laser", "other"])
+def test_dots_lie_at_the_same_places(both, kinds, side, name):
+    """Shift that maps one image onto the other, tile by tile: its median and its worst."""
+    theirs, ours = (light[f"{side}_{name}_e"].astype(np.float64) for light in both)
+    there = inside(both, side, kinds["diffuse"])
+    shifts = []
+    for y in range(0, theirs.shape[0] - TILE_PX + 1, TILE_PX):
+        for x in range(0, theirs.shape[1] - TILE_PX + 1, TILE_PX):
+            tile = np.s_[y : y + TILE_PX, x : x + TILE_PX]
+            lit = there[tile] & (ours[tile] > 0)
+            if lit.mean() > 0.5:
+                shifts.append(shift_px(theirs[tile], ours[tile], lit))
+    found = np.array(shifts)
+    assert len(found) > 8
+    assert np.abs(np.median(found, axis=0)).max() < 0.02
+    assert np.abs(found).max() < 0.1
+
+
+def shift_px(image: np.ndarray, other: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """Where the correlation of an image with a shifted other peaks (x, y) [px], to first order.
+
+    Least squares of their difference, gain left free, on the other's slopes.
+    """
+    down, across = np.gradient(other)
+    columns = np.stack([-across[where], -down[where], other[where]], axis=1)
+    return np.linalg.lstsq(columns, image[where], rcond=None)[0][:2]
