@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis import projector_frame
 from diagnosis.ground import Ground, ground
@@ -13,6 +14,7 @@ from diagnosis.reading import Reading, matched, read
 from patterns.errors import refuse
 from sim import simulate
 from sim.capture import CapturedScene
+from sim.capture_writer import info_of
 from sim.effects import named, setting
 from sim.effects.effect import Value
 from sim.layers import Layers
@@ -59,7 +61,9 @@ class Subject:
         ]
         left = np.stack([pair.left for pair in pairs])
         right = np.stack([pair.right for pair in pairs if pair.right is not None])
-        return Reading(left=left, right=right, ours_px=matched(left[:1], right[:1], sensor), device_px=None)
+        return Reading(
+            left=left, right=right, ours_px=matched(left[:1], right[:1], sensor), device_px=None
+        )
 
     def rematch(self, settings: Mapping[str, Value]) -> Reading:
         """Match the real infrared pair again, by a matcher with effects set."""
@@ -87,29 +91,63 @@ def subject(captured: CapturedScene, sensor: Sensor) -> Subject:
     scene = known.load(captured, sensor)
     if scene is None:
         scene = surfaces.load(captured.path, sensor)
+    return of_scene(
+        scene,
+        sensor,
+        name=captured.name,
+        room=captured.room,
+        truth_m=captured.truth_m(),
+        real=read(captured, sensor),
+        frames=len(captured.frames),
+    )
+
+
+def of_scene(
+    scene: Scene,
+    sensor: Sensor,
+    *,
+    name: str,
+    room: str,
+    truth_m: NDArray[np.float32] | None,
+    real: Reading,
+    frames: int,
+) -> Subject:
+    """Make a subject of a scene whatever it comes from.
+
+    Args:
+        scene: geometry, materials and light.
+        sensor: the base.
+        name: of the scene; noise is drawn by it.
+        room: scenes of one room are no independent evidence.
+        truth_m: (h, w) reference depth; None takes the rendered one.
+        real: what was captured.
+        frames: repeats of a simulated reading.
+
+    Raises:
+        InputError: if no depth is known anywhere.
+    """
     stage = Stage(scene)
     layers = simulate.rendered(stage, sensor, samples=_SAMPLES)
-    truth_m = captured.truth_m()
     if truth_m is None:
         truth_m = layers.truth.depth_m
     if not np.isfinite(truth_m).any():
-        raise refuse(f"scene {captured.name}", "must have reference depth", "none", "Leave it out.")
+        raise refuse(f"scene {name}", "must have reference depth", "none", "Leave it out.")
     expected = simulate.infrared(layers, scene, sensor).electrons
-    expected = expected * np.float32(sensor.left.dn_per_electron)
+    info = info_of(sensor, source="diagnosis", licence="-", notes="")
     return Subject(
-        name=captured.name,
-        room=captured.room,
+        name=name,
+        room=room,
         scene=scene,
         sensor=sensor,
         ground=ground(
-            captured.info.disparity_px(truth_m),
-            expected,
-            captured.info,
+            info.disparity_px(truth_m),
+            expected * np.float32(sensor.left.dn_per_electron),
+            info,
             body=layers.left.body,
             projector=projector_frame.tangents(truth_m, sensor),
         ),
-        real=read(captured, sensor),
-        frames=len(captured.frames),
+        real=real,
+        frames=frames,
         _stage=stage,
         _layers=layers,
     )

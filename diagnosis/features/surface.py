@@ -31,7 +31,9 @@ def surface(found_px: Image, ground: Ground) -> dict[str, float]:
         for axis, name in ((1, "x"), (0, "y")):
             beside = np.roll(error, -lag, axis)
             both = where & np.roll(where, -lag, axis)
-            found[f"surface.alike {name}{lag}"] = bins.mean(error * beside, np.flatnonzero(both)) / max(power, 1e-9)
+            found[f"surface.alike {name}{lag}"] = bins.mean(
+                error * beside, np.flatnonzero(both)
+            ) / max(power, 1e-9)
     for axis, name in ((1, "x"), (0, "y")):
         step = np.abs(found_px - np.roll(found_px, -1, axis))
         both = valid & np.roll(valid, -1, axis)

@@ -116,8 +116,10 @@ def _counted(values: NDArray, counted: Mask) -> NDArray[np.float64]:
 def _cells(ground: Ground, frame: str) -> NDArray[np.int64]:
     """Number of each pixel's cell (h, w); -1 outside."""
     if frame == CAMERA:
-        y, x = np.indices(ground.counted.shape)
-        return y * ROWS // y.shape[0] * COLUMNS + x * COLUMNS // x.shape[1]
+        height, width = ground.counted.shape
+        row = np.arange(height) * ROWS // height
+        column = np.arange(width) * COLUMNS // width
+        return row[:, None] * COLUMNS + column[None]
     across, down = (ground.projector[..., axis] / _FIELD for axis in (0, 1))
     inside = (np.abs(across) < 1) & (np.abs(down) < 1)
     column = np.floor((np.where(inside, across, 0) + 1) / 2 * COLUMNS).astype(np.int64)

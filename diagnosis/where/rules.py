@@ -11,6 +11,8 @@ from sklearn.tree import DecisionTreeRegressor
 
 from diagnosis.ground import Ground, Mask
 
+Limits = dict[str, tuple[float, float]]  # By covariate, from and to.
+
 _DEPTH = 3
 _LEAST_AREA = 0.01  # Share of the pixels that a rule must cover.
 _FAIR_SHARE = 0.1
@@ -90,13 +92,14 @@ def _drawn(
 
 def _grown(x: NDArray[np.float32], y: NDArray[np.float32]) -> DecisionTreeRegressor:
     """A tree whose every split gains a fair share of what the first gains."""
-    stump = DecisionTreeRegressor(max_depth=1, min_samples_leaf=_LEAST_AREA, random_state=0)
+    least = max(1, int(_LEAST_AREA * len(y)))
+    stump = DecisionTreeRegressor(max_depth=1, min_samples_leaf=least, random_state=0)
     impurity = stump.fit(x, y).tree_.impurity
     weight = stump.tree_.weighted_n_node_samples / len(y)
     gained = impurity[0] - float((impurity[1:] * weight[1:]).sum()) if len(impurity) > 1 else 0.0
     return DecisionTreeRegressor(
         max_depth=_DEPTH,
-        min_samples_leaf=_LEAST_AREA,
+        min_samples_leaf=least,
         min_impurity_decrease=_FAIR_SHARE * gained,
         random_state=0,
     ).fit(x, y)
@@ -107,22 +110,24 @@ def _paths(
 ) -> list[tuple[int, str]]:
     """Leaves of the tree, each with the conditions that lead there."""
     grown = tree.tree_
+    left, right = list(grown.children_left), list(grown.children_right)
+    feature, threshold = list(grown.feature), list(grown.threshold)
     found: list[tuple[int, str]] = []
-
-    def walk(node: int, limits: dict[str, tuple[float, float]]) -> None:
-        if grown.children_left[node] < 0:
+    todo: list[tuple[int, Limits]] = [(0, {})]
+    while todo:
+        node, limits = todo.pop()
+        if left[node] < 0:
             found.append((node, " and ".join(_said(limits, units))))
-            return
-        name, at = names[grown.feature[node]], float(grown.threshold[node])
+            continue
+        name: str = names[int(feature[node])]
+        at = float(threshold[node])
         low, high = limits.get(name, (-np.inf, np.inf))
-        walk(grown.children_left[node], {**limits, name: (low, min(high, at))})
-        walk(grown.children_right[node], {**limits, name: (max(low, at), high)})
-
-    walk(0, {})
+        todo.append((left[node], {**limits, name: (low, min(high, at))}))
+        todo.append((right[node], {**limits, name: (max(low, at), high)}))
     return found
 
 
-def _said(limits: dict[str, tuple[float, float]], units: dict[str, str]) -> list[str]:
+def _said(limits: Limits, units: dict[str, str]) -> list[str]:
     said = []
     for name, (low, high) in limits.items():
         if np.isfinite(low) and np.isfinite(high):

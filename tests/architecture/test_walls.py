@@ -30,7 +30,7 @@ LIBRARY_ROOMS = {
     "mitsuba": {"sim"},
     "drjit": {"sim", "calibration"},
     "torch": {"learning"},
-    "sklearn": {"learning"},
+    "sklearn": {"diagnosis", "learning"},
 }
 # The files that make pictures, and which pictures.
 PICTURE_MAKERS: dict[str, str] = {

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis import candidates, light_sets, null, reading, signature, subject
-from diagnosis.candidates import Arm
-from diagnosis.fit import fit, folds
+from diagnosis import light_sets, reading, subject
+from diagnosis.which import bench, null
+from diagnosis.which.candidates import Arm, candidates
+from diagnosis.which.fit import fit, folds
+from diagnosis.which.signature import signature
 from diagnosis.withheld import case, shoot
 from patterns.errors import InputError
 from sim import capture, sensors
@@ -79,19 +81,30 @@ def test_an_effect_of_theirs_is_measured_by_ours(light, tmp_path):
     """A vertical offset of 0.5 px, each resampled in its own way."""
     captures = shot(light, tmp_path / "offset", vertical_offset=0.5)
     subjects = [subject.subject(scene, nominal()) for scene in captures.scenes]
-    bench = signature.bench(subjects, Arm.IMAGE)
-    base = null.base(bench, seeds=2)
-    known = candidates.candidates(nominal(), subjects[0].scene, Arm.IMAGE)
+    table = bench.bench(subjects, Arm.IMAGE, cache=tmp_path / "cache")
+    base = null.base(table, seeds=2)
+    known = candidates(nominal(), subjects[0].scene, Arm.IMAGE)
     (candidate,) = [one for one in known if one.name == "vertical_offset"]
-    cache = tmp_path / "cache"
-    made = signature.signature(candidate, bench, base.tables[0], cache=cache)
+    made = signature(candidate, table, candidate.nodes)
     assert made is not None
-    found = fit(made, base.likelihood(bench.real()), folds(2))
+    found = fit(made, base.likelihood(table.real(), np.ones(len(table.names))), folds(2))
     assert float(found.value) == pytest.approx(0.5, rel=0.25)
     assert found.gain.min() > null.LEAST_GAIN
-    again = signature.signature(candidate, bench, base.tables[0], cache=cache)
-    assert again is not None
-    np.testing.assert_array_equal(again.change, made.change)
+
+
+def test_nothing_is_simulated_twice(light, tmp_path, monkeypatch):
+    captures = shot(light, tmp_path / "null")
+    one = subject.subject(captures.scenes[0], nominal())
+    first = bench.bench([one], Arm.IMAGE, cache=tmp_path / "cache")
+    made = first.change({"veil": 0.05})
+    assert made is not None
+    assert first.change({"veil": 0.05, "distortion": 0.1, "exposure": -1.0}) is None
+    again = bench.bench([one], Arm.IMAGE, cache=tmp_path / "cache")
+    monkeypatch.setattr(subject.Subject, "simulate", None)
+    kept = again.change({"veil": 0.05})
+    assert kept is not None
+    np.testing.assert_array_equal(kept, made)
+    assert again.change({"veil": 0.05, "distortion": 0.1, "exposure": -1.0}) is None
 
 
 def test_real_images_are_matched_again_with_other_settings(light, tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from diagnosis.candidates import Arm, candidates, nodes
+from diagnosis.which.candidates import Arm, candidates, nodes
 from sim import effects, sensors
 from sim.effects import setting
 from sim.effects.effect import Stage

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.likelihood import Likelihood
-from diagnosis.signature import Signature
+from diagnosis.which.bench import Table
+from diagnosis.which.likelihood import Likelihood
+from diagnosis.which.signature import Signature
 from sim.effects.effect import Value
 
 FOLDS = 4
-_STEPS = 32  # Places tried between two nodes.
+_STEPS = 16  # Places tried between two nodes.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,12 +30,17 @@ class Fit:
     @property
     def name(self) -> str:
         """The candidate's."""
-        return self.signature.candidate.name
+        return self.signature.name
 
     @property
     def value(self) -> Value:
         """Its strength."""
         return self.signature.value(self.place)
+
+    @property
+    def total(self) -> float:
+        """Held-out gain of all scenes."""
+        return float(self.gain.sum())
 
     def interval(self, *, level: float, seed: int, draws: int = 400) -> tuple[Value, Value]:
         """Bootstrap its strength over scenes."""
@@ -46,28 +52,53 @@ class Fit:
         return self.signature.value(float(low)), self.signature.value(float(high))
 
 
-def fit(signature: Signature, likelihood: Likelihood, folds: Sequence[NDArray[np.bool_]]) -> Fit:
+def fit(
+    signature: Signature,
+    likelihood: Likelihood,
+    folds: Sequence[NDArray[np.bool_]],
+    *,
+    given: Table | None = None,
+    steps: int = _STEPS,
+) -> Fit:
     """Fit a candidate on all scenes but a fold's, and judge it there.
 
     Args:
         signature: of the candidate.
         likelihood: of the gap.
         folds: masks (scenes,) of the scenes held out in each.
+        given: (scenes, features) what other effects make; None where there are none.
+        steps: places tried between two nodes.
     """
-    places = _places(signature)
-    cost = np.stack([likelihood.cost(signature.at(place)) for place in places])
-    nothing = likelihood.cost(np.zeros_like(likelihood.gap))
-    gain = np.zeros(cost.shape[1])
-    for held in folds:
-        best = int(np.argmin(cost[:, ~held].sum(axis=1)))
-        gain[held] = (nothing - cost[best])[held]
+    given = likelihood.nothing if given is None else given
+    places = _places(signature, steps)
+    cost = likelihood.cost(given + np.stack([signature.at(place) for place in places]))
+    nothing = likelihood.cost(given)
+    gain = held_out(cost, nothing, folds)
     return Fit(signature, float(places[int(np.argmin(cost.sum(axis=1)))]), gain, cost, places)
 
 
-def _places(signature: Signature) -> NDArray[np.float64]:
+def held_out(
+    cost: NDArray[np.float64],
+    nothing: NDArray[np.float64],
+    folds: Sequence[NDArray[np.bool_]],
+) -> NDArray[np.float64]:
+    """Gain (scenes,) of the choice that the other scenes make.
+
+    Args:
+        cost: (choices, scenes).
+        nothing: (scenes,) cost without any.
+        folds: masks (scenes,).
+    """
+    gain = np.zeros_like(nothing)
+    for held in folds:
+        best = int(np.argmin(cost[:, ~held].sum(axis=1)))
+        gain[held] = (nothing - cost[best])[held]
+    return gain
+
+
+def _places(signature: Signature, steps: int) -> NDArray[np.float64]:
     last = len(signature.values) - 1
-    steps = last * _STEPS if signature.candidate.numeric else last
-    return np.linspace(0, last, steps + 1)
+    return np.linspace(0, last, (last * steps if signature.candidate.numeric else last) + 1)
 
 
 def folds(scenes: int, *, seed: int = 0) -> list[NDArray[np.bool_]]:

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.candidates import Arm
-from diagnosis.fit import fit
-from diagnosis.likelihood import Likelihood
-from diagnosis.signature import Bench, Signature, Table
+from diagnosis.which.bench import Bench, Table
+from diagnosis.which.candidates import Arm
+from diagnosis.which.fit import fit
+from diagnosis.which.likelihood import Likelihood
+from diagnosis.which.signature import Signature
 
 SEEDS = 8
 FLOOR = 0.02  # What the simulator is taken to be wrong by in every feature, in its own unit.
+_FLOORS = {"texture": 0.06}  # No model has a spot's shape right; a fine scale's energy shows it.
 LEAST_GAIN = 12.0  # Below this no effect is believed, whatever the nulls say.
 
 
@@ -23,6 +25,7 @@ class Base:
     """Features of the base under several seeds."""
 
     tables: NDArray[np.float64]  # (seeds, scenes, features); the first has the signatures' seed.
+    floor: NDArray[np.float64]  # (features,)
 
     @property
     def mean(self) -> Table:
@@ -35,11 +38,15 @@ class Base:
         seeds = len(self.tables)
         squares = _mean((self.tables - self.mean) ** 2, axis=(0, 1))
         variance = squares * seeds / max(seeds - 1, 1) * (1 + 1 / seeds)
-        return np.sqrt(np.nan_to_num(variance) + FLOOR**2)
+        return np.sqrt(np.nan_to_num(variance) + self.floor**2)
 
-    def likelihood(self, real: Table) -> Likelihood:
+    def likelihood(self, real: Table, weight: NDArray[np.float64]) -> Likelihood:
         """Likelihood of a reading's gap."""
-        return Likelihood(real - self.mean, np.broadcast_to(self.deviation, real.shape))
+        return Likelihood(real - self.mean, np.broadcast_to(self.deviation, real.shape), weight)
+
+    def without(self, number: int) -> Base:
+        """The base with one seed left out."""
+        return Base(np.delete(self.tables, number, axis=0), self.floor)
 
 
 def _mean(values: NDArray[np.float64], axis: int | tuple[int, ...]) -> NDArray[np.float64]:
@@ -53,17 +60,26 @@ def _mean(values: NDArray[np.float64], axis: int | tuple[int, ...]) -> NDArray[n
 def base(bench: Bench, *, seeds: int = SEEDS) -> Base:
     """Simulate the base; matching a real pair again draws nothing, so there one table is all."""
     numbers = range(1 if bench.arm is Arm.DEPTH else seeds)
-    return Base(np.stack([bench.simulated({}, seed=number) for number in numbers]))
+    tables = [bench.simulated({}, seed=number) for number in numbers]
+    return Base(np.stack([one for one in tables if one is not None]), floors(bench.names))
+
+
+def floors(names: Sequence[str]) -> NDArray[np.float64]:
+    """What the simulator is taken to be wrong by in each feature."""
+    words = [next((word for word in _FLOORS if word in name), None) for name in names]
+    return np.array([FLOOR if word is None else _FLOORS[word] for word in words])
 
 
 def gains(
-    of: Base, signatures: Sequence[Signature], folds: Sequence[NDArray[np.bool_]]
+    of: Base,
+    signatures: Sequence[Signature],
+    weight: NDArray[np.float64],
+    folds: Sequence[NDArray[np.bool_]],
 ) -> NDArray[np.float64]:
     """Held-out gain of the best effect where there is none to find, for each seed left out."""
     found = []
     for number in range(len(of.tables) if len(of.tables) > 1 else 0):
-        rest = Base(np.delete(of.tables, number, axis=0))
-        likelihood = rest.likelihood(of.tables[number])
+        likelihood = of.without(number).likelihood(of.tables[number], weight)
         best = [fit(one, likelihood, folds).gain.sum() for one in signatures]
         found.append(max(best, default=0.0))
     return np.array(found)
@@ -74,3 +90,13 @@ def threshold(null_gains: NDArray[np.float64], *, alpha: float = 0.05) -> float:
     if null_gains.size == 0:
         return LEAST_GAIN
     return max(LEAST_GAIN, float(np.quantile(null_gains, 1 - alpha)))
+
+
+def size(of: Base, weight: NDArray[np.float64]) -> float:
+    """Largest size of a gap (`Likelihood.size`) that seeds alone make."""
+    if len(of.tables) < 2:
+        return 1.0
+    each = [
+        of.without(number).likelihood(of.tables[number], weight) for number in range(len(of.tables))
+    ]
+    return max(one.size(one.nothing) for one in each)

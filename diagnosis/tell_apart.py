@@ -1,0 +1,160 @@
+"""Which capture would tell apart what these captures cannot: rivals are simulated in each."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis import subject
+from diagnosis.reading import Reading
+from diagnosis.subject import Subject
+from diagnosis.which.bench import bench
+from diagnosis.which.candidates import Arm
+from diagnosis.which.null import FLOOR
+from sim.effects.effect import Value
+from sim.scene import Scene
+from sim.scenes import builtin
+from sim.sensor import Sensor
+from sim.sensor_edits import with_values
+
+_SEEDS = 4  # Of the noise of a proposed capture.
+_REPEATS = 8
+_NOTHING = Reading(left=None, right=None, ours_px=None, device_px=None)
+_MOST = 6.0  # Deviations of one feature that count: one alone must not decide.
+TOLD = 5.0  # Root sum of squared deviations from which a capture tells rivals apart.
+
+Setup = tuple[Scene, Sensor]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Proposal:
+    """A capture to take."""
+
+    text: str
+    cost: float  # Effort, 1 for a switch.
+    frames: int
+    setups: Callable[[Scene, Sensor], Sequence[Setup]]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Told:
+    """How well a capture tells two rivals apart."""
+
+    capture: str
+    rivals: tuple[str, str]
+    deviations: float  # Root sum of squares over features.
+
+    @property
+    def enough(self) -> bool:
+        """Whether it is worth taking."""
+        return self.deviations >= TOLD
+
+
+def _projector_off(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
+    return [(scene, with_values(sensor, [("projector.power_w", "0")]))]
+
+
+def _cap_on(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
+    return [(_lit(scene, 0.0), with_values(sensor, [("projector.power_w", "0")]))]
+
+
+def _lamp_on(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
+    return [(_lit(scene, 4 * scene.ambient.irradiance_w_m2 + 1.0), sensor)]
+
+
+def _exposed_longer(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
+    longer = 2 * sensor.left.exposure_s
+    return [(scene, with_values(sensor, [("imager.exposure_s", f"{longer!r}")]))]
+
+
+def _walls(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
+    return [(_lit(builtin.wall(z), scene.ambient.irradiance_w_m2), sensor) for z in (0.6, 1.2, 2.4)]
+
+
+def _as_is(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
+    return [(scene, sensor)]
+
+
+def _lit(scene: Scene, irradiance_w_m2: float) -> Scene:
+    ambient = dataclasses.replace(scene.ambient, irradiance_w_m2=irradiance_w_m2)
+    return dataclasses.replace(scene, ambient=ambient)
+
+
+MENU = (
+    Proposal(text="the same scene with the projector off", cost=1, frames=1, setups=_projector_off),
+    Proposal(text="a lens cap on", cost=1, frames=_REPEATS, setups=_cap_on),
+    Proposal(text="the same scene with a lamp on", cost=1, frames=1, setups=_lamp_on),
+    Proposal(text="the same scene exposed twice as long", cost=1, frames=1, setups=_exposed_longer),
+    Proposal(text=f"{_REPEATS} repeats of the same scene", cost=1, frames=_REPEATS, setups=_as_is),
+    Proposal(text="a flat wall at 0.6, 1.2 and 2.4 m", cost=3, frames=1, setups=_walls),
+)
+
+
+def tell_apart(
+    one: Mapping[str, Value],
+    other: Mapping[str, Value],
+    of: Subject,
+    arm: Arm,
+    *,
+    menu: Sequence[Proposal] = MENU,
+) -> list[Told]:
+    """Simulate two rivals in every capture of a menu.
+
+    Args:
+        one: settings of a rival.
+        other: of the other.
+        of: a scene that was captured.
+        arm: in which the rivals act.
+        menu: captures that could be taken.
+
+    Returns:
+        The captures, the one that tells most for its cost first; those in which a rival cannot be
+        simulated are left out.
+    """
+    names = (", ".join(one), ", ".join(other))
+    found = []
+    for proposal in menu:
+        squares = _squares(one, other, of, arm, proposal)
+        if squares is not None:
+            told = Told(capture=proposal.text, rivals=names, deviations=float(np.sqrt(squares)))
+            found.append((told.deviations / proposal.cost, told))
+    return [told for _, told in sorted(found, key=lambda pair: -pair[0])]
+
+
+def _squares(
+    one: Mapping[str, Value],
+    other: Mapping[str, Value],
+    of: Subject,
+    arm: Arm,
+    proposal: Proposal,
+) -> float | None:
+    """Sum over features of the squared difference of two rivals over its deviation."""
+    total = 0.0
+    for number, (scene, sensor) in enumerate(proposal.setups(of.scene, of.sensor)):
+        taken = subject.of_scene(
+            scene,
+            sensor,
+            name=f"{of.name} {number}",
+            room=of.room,
+            truth_m=None,
+            real=_NOTHING,
+            frames=proposal.frames,
+        )
+        if arm is Arm.DEPTH:
+            taken = dataclasses.replace(taken, real=taken.simulate({}, seed=0))
+        table = bench([taken], arm)
+        tables = [
+            [table.simulated(rival, seed=seed) for seed in range(1 if arm is Arm.DEPTH else _SEEDS)]
+            for rival in (one, other)
+        ]
+        known = [[t for t in of_rival if t is not None] for of_rival in tables]
+        if any(len(some) < len(all_) for some, all_ in zip(known, tables, strict=True)):
+            return None
+        first, second = (np.stack(many)[:, 0] for many in known)
+        spread = np.sqrt(0.5 * (first.var(axis=0) + second.var(axis=0)) + FLOOR**2)
+        off = np.abs(first.mean(axis=0) - second.mean(axis=0)) / spread
+        total += float(np.nansum(np.minimum(off, _MOST) ** 2))
+    return total

@@ -1,0 +1,102 @@
+"""How likely a gap is, given what effects would make of the features."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.which.bench import Table
+from diagnosis.which.signature import Signature
+
+FREEDOM = 4.0  # Of Student's t: a feature that the simulator gets wrong must not decide alone.
+TAU = 0.2  # Share of its own size by which what effects make is taken to be wrong.
+_LARGEST = 100.0  # Squared deviations of one feature that count for a gap's size.
+_SEEN = 1.0  # Deviations, root sum of squares, below which a change tells of no likeness.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Likelihood:
+    """A gap, the deviation of each feature, and how much each tells that others do not."""
+
+    gap: Table  # (scenes, features) real less simulated; NaN where it is not known.
+    deviation: Table  # Likewise: noise of both, and what is put down to the simulator.
+    weight: NDArray[np.float64]  # (features,) as of `weights`.
+
+    @property
+    def nothing(self) -> Table:
+        """What no effect makes: zeros."""
+        return np.zeros_like(self.gap)
+
+    def size(self, made: Table) -> float:
+        """Weighted mean square of what effects leave of the gap, over its deviation; 1 is chance.
+
+        Args:
+            made: (scenes, features) what effects make.
+        """
+        square, known = self._square(made)
+        kept = np.where(known, np.minimum(square, _LARGEST), 0.0)
+        return float((kept @ self.weight).sum() / max((known @ self.weight).sum(), 1e-9))
+
+    def left(self, made: Table) -> Table:
+        """What effects leave of the gap, over its deviation (scenes, features)."""
+        return (self.gap - made) / np.sqrt(self._variance(np.nan_to_num(made)))
+
+    def cost(self, made: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Negative logarithm of the likelihood for each scene.
+
+        Args:
+            made: (..., scenes, features) what effects make.
+
+        Returns:
+            (..., scenes), up to a constant.
+        """
+        square, known = self._square(made)
+        variance = self._variance(np.where(known, made, 0.0))
+        wide = 0.5 * np.log(variance / self.deviation**2)
+        off = 0.5 * (FREEDOM + 1) * np.log1p(square / FREEDOM)
+        # A feature that effects make unknown tells as much as one they leave alone.
+        return np.where(known, off + wide, self._alone()) @ self.weight
+
+    def _square(self, made: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        known = np.isfinite(self.gap) & np.isfinite(made)
+        change = np.where(known, made, 0.0)
+        left = np.where(known, self.gap - change, 0.0)
+        return left**2 / self._variance(change), known
+
+    def _variance(self, made: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.deviation**2 + (TAU * made) ** 2
+
+    def _alone(self) -> Table:
+        gap = np.nan_to_num(self.gap)
+        alone = 0.5 * (FREEDOM + 1) * np.log1p(gap**2 / (FREEDOM * self.deviation**2))
+        return np.where(np.isfinite(self.gap), alone, 0.0)
+
+
+def weights(signatures: Sequence[Signature], deviation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share of each feature that others do not repeat: 1 over its squared likenesses to all.
+
+    Features that whatever is done move alike, such as the sharpness of ten parts of one image, tell
+    one thing ten times, and are wrong together where the simulator is wrong. Without this they
+    outvote a single feature that knows better.
+
+    Args:
+        signatures: what many effects do.
+        deviation: (features,).
+
+    Returns:
+        (features,) in 0..1.
+    """
+    moves = np.nan_to_num(np.concatenate([one.change for one in signatures]) / deviation)
+    size = np.sqrt((moves**2).sum(axis=(1, 2)))
+    told = moves[size > _SEEN] / size[size > _SEEN, None, None]
+    rows = told.reshape(-1, deviation.size)
+    product = rows.T @ rows
+    length = np.sqrt(np.diag(product))
+    still = length < 1e-6  # No effect moves it.
+    length[still] = 1.0
+    likeness = product / np.outer(length, length)
+    likeness[still, still] = 1.0
+    return 1 / (likeness**2).sum(axis=1)

@@ -1,0 +1,267 @@
+"""Effects that made a gap: found by held-out gain, simulated together, tried against rivals."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.which.bench import Bench, Table
+from diagnosis.which.candidates import Candidate
+from diagnosis.which.fit import Fit, fit, held_out
+from diagnosis.which.likelihood import Likelihood
+from diagnosis.which.null import Base
+from diagnosis.which.signature import Signature, signature
+from sim.effects.effect import Value
+
+MOST = 4  # Effects in one verdict.
+_PAIRED = 8  # Candidates among which pairs are tried.
+_COARSE = 2  # Places between nodes where pairs are tried.
+_ROUNDS = 3  # Of fitting each effect given the others.
+_LEVEL = 0.9  # Of intervals.
+_DRAWS = 400
+_SAME = 0.05  # Chance that a rival is as good, above which it cannot be told apart.
+
+Folds = Sequence[NDArray[np.bool_]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """Effects that act together."""
+
+    terms: tuple[Signature, ...]
+    places: tuple[float, ...]
+    beside: Table  # What they make together beyond the sum of what each makes alone.
+
+    @property
+    def settings(self) -> dict[str, Value]:
+        """Value by effect."""
+        return {
+            one.name: one.value(place) for one, place in zip(self.terms, self.places, strict=True)
+        }
+
+    def made(self, *, without: int | None = None) -> Table:
+        """What they make (scenes, features), all or all but one."""
+        total = self.beside.copy()
+        for number, (one, place) in enumerate(zip(self.terms, self.places, strict=True)):
+            if number != without:
+                total = total + one.at(place)
+        return total
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Accepted:
+    """An effect that held-out scenes gain from."""
+
+    fit: Fit  # Given the others.
+    interval: tuple[Value, Value]
+    rivals: tuple[Fit, ...]  # Other candidates, in its place, that the data cannot tell from it.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Search:
+    """What was found in one arm."""
+
+    accepted: tuple[Accepted, ...]
+    threshold: float
+    alone: tuple[Fit, ...]  # All candidates fitted alone, best first.
+    before: float  # Size of the gap (`Likelihood.size`).
+    after: float
+    left: Table = field(repr=False)  # (scenes, features) what is not explained, over deviation.
+
+    @property
+    def settings(self) -> dict[str, Value]:
+        """Value by accepted effect."""
+        return {one.fit.name: one.fit.value for one in self.accepted}
+
+
+def coarse(candidate: Candidate) -> list[Value]:
+    """Nodes at which a candidate is tried first: of numbers the middle one to each side."""
+    if not candidate.numeric:
+        return list(candidate.nodes)
+    base = float(candidate.base)
+    sides = (
+        [node for node in candidate.nodes if float(node) < base],
+        [node for node in candidate.nodes if float(node) > base],
+    )
+    return [side[len(side) // 2] for side in sides if side]
+
+
+def search(
+    bench: Bench,
+    of: Base,
+    likelihood: Likelihood,
+    candidates: Sequence[Candidate],
+    alone: Sequence[Fit],
+    folds: Folds,
+    *,
+    threshold: float,
+) -> Search:
+    """Add effects while held-out scenes gain, simulating all accepted ones together.
+
+    Args:
+        bench: subjects and arm.
+        of: the base.
+        likelihood: of the gap.
+        candidates: worth a closer look.
+        alone: all candidates fitted alone, best first.
+        folds: scenes held out.
+        threshold: least gain of an effect.
+    """
+    signatures = [
+        one
+        for one in (signature(each, bench, each.nodes) for each in candidates)
+        if one is not None
+    ]
+    model = _start(signatures, likelihood, folds, threshold)
+    model = _simulated(bench, likelihood, model)
+    while model.terms and len(model.terms) < MOST:
+        used = {one.name for one in model.terms}
+        rest = [one for one in signatures if one.name not in used]
+        found = _ranked(rest, likelihood, folds, model.made())
+        if not found or found[0].total < threshold:
+            break
+        best = found[0]
+        wider = Model((*model.terms, best.signature), (*model.places, best.place), model.beside)
+        wider = _simulated(bench, likelihood, wider)
+        if _gain(likelihood, wider, model) < threshold:
+            break
+        model = wider
+    model = _thinned(bench, likelihood, model, threshold)
+    return Search(
+        accepted=tuple(
+            _accepted(number, model, signatures, likelihood, folds)
+            for number in range(len(model.terms))
+        ),
+        threshold=threshold,
+        alone=tuple(alone),
+        before=likelihood.size(likelihood.nothing),
+        after=likelihood.size(model.made()),
+        left=likelihood.left(model.made()),
+    )
+
+
+def _ranked(
+    signatures: Sequence[Signature], likelihood: Likelihood, folds: Folds, given: Table
+) -> list[Fit]:
+    """Fit every candidate on top of others, those that gain most first."""
+    fits = [fit(one, likelihood, folds, given=given) for one in signatures]
+    return sorted(fits, key=lambda one: -one.total)
+
+
+def _start(
+    signatures: Sequence[Signature], likelihood: Likelihood, folds: Folds, threshold: float
+) -> Model:
+    """The best effect, or the best two where no single one does as well."""
+    ranked = _ranked(signatures, likelihood, folds, likelihood.nothing)
+    nothing = Model((), (), likelihood.nothing)
+    if not ranked or ranked[0].total < threshold:
+        return nothing
+    best = ranked[0]
+    model, most = Model((best.signature,), (best.place,), likelihood.nothing), best.total
+    for one, other in itertools.combinations(ranked[:_PAIRED], 2):
+        gain, places = _both(one.signature, other.signature, likelihood, folds)
+        if gain > most + (threshold if len(model.terms) == 1 else 0):
+            model, most = Model((one.signature, other.signature), places, model.beside), gain
+    return model
+
+
+def _both(
+    one: Signature, other: Signature, likelihood: Likelihood, folds: Folds
+) -> tuple[float, tuple[float, float]]:
+    """Fit two effects at once."""
+    places = [_coarse_places(each) for each in (one, other)]
+    pairs = list(itertools.product(*places))
+    made = [
+        np.stack([each.at(p) for p in at]) for each, at in zip((one, other), places, strict=True)
+    ]
+    both = (made[0][:, None] + made[1][None]).reshape(len(pairs), *likelihood.gap.shape)
+    cost = likelihood.cost(both)
+    gain = held_out(cost, likelihood.cost(likelihood.nothing), folds)
+    return float(gain.sum()), pairs[int(np.argmin(cost.sum(axis=1)))]
+
+
+def _coarse_places(one: Signature) -> NDArray[np.float64]:
+    last = len(one.values) - 1
+    return np.linspace(0, last, last * _COARSE + 1 if one.candidate.numeric else last + 1)
+
+
+def _simulated(bench: Bench, likelihood: Likelihood, model: Model) -> Model:
+    """Fit strengths, simulate the effects together, and fit again with what that adds."""
+    if not model.terms:
+        return model
+    model = _fitted(likelihood, model)
+    for _ in range(2):
+        together = bench.change(model.settings)
+        if together is None:  # They exclude each other in this sensor; their sum has to do.
+            return model
+        alone = Model(model.terms, model.places, np.zeros_like(together)).made()
+        beside = np.where(np.isfinite(together), together - alone, np.nan)
+        model = _fitted(likelihood, Model(model.terms, model.places, beside))
+    return model
+
+
+def _fitted(likelihood: Likelihood, model: Model) -> Model:
+    """Fit each effect given the others, round by round."""
+    every = [np.ones(len(likelihood.gap), bool)]
+    for _ in range(_ROUNDS if len(model.terms) > 1 else 1):
+        for number, one in enumerate(model.terms):
+            found = fit(one, likelihood, every, given=model.made(without=number))
+            places = (*model.places[:number], found.place, *model.places[number + 1 :])
+            model = Model(model.terms, places, model.beside)
+    return model
+
+
+def _gain(likelihood: Likelihood, model: Model, other: Model) -> float:
+    return float((likelihood.cost(other.made()) - likelihood.cost(model.made())).sum())
+
+
+def _thinned(bench: Bench, likelihood: Likelihood, model: Model, threshold: float) -> Model:
+    """Leave out effects that the others make up for."""
+    for number in reversed(range(len(model.terms))):
+        if len(model.terms) < 2:
+            break
+        kept = [n for n in range(len(model.terms)) if n != number]
+        less = Model(
+            tuple(model.terms[n] for n in kept),
+            tuple(model.places[n] for n in kept),
+            likelihood.nothing,
+        )
+        less = _simulated(bench, likelihood, less)
+        if _gain(likelihood, model, less) < threshold:
+            model = less
+    return model
+
+
+def _accepted(
+    number: int,
+    model: Model,
+    signatures: Sequence[Signature],
+    likelihood: Likelihood,
+    folds: Folds,
+) -> Accepted:
+    given = model.made(without=number)
+    own = fit(model.terms[number], likelihood, folds, given=given)
+    used = {one.name for one in model.terms}
+    others = [
+        fit(one, likelihood, folds, given=given) for one in signatures if one.name not in used
+    ]
+    return Accepted(
+        fit=own, interval=own.interval(level=_LEVEL, seed=0), rivals=_rivals(own, others)
+    )
+
+
+def _rivals(own: Fit, others: Sequence[Fit]) -> tuple[Fit, ...]:
+    """Candidates whose held-out gain, scene by scene, is not surely less."""
+    rng = np.random.default_rng(0)
+    scenes = len(own.gain)
+    times = rng.multinomial(scenes, np.full(scenes, 1 / scenes), size=_DRAWS)
+    found = [
+        other
+        for other in others
+        if other.total > 0 and np.mean(times @ (other.gain - own.gain) >= 0) > _SAME
+    ]
+    return tuple(sorted(found, key=lambda one: -one.total))

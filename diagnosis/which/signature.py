@@ -1,0 +1,69 @@
+"""What an effect does to the features of every scene, at each of some strengths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.which.bench import Bench, Table
+from diagnosis.which.candidates import Candidate
+from sim.effects.effect import Value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Signature:
+    """One candidate's."""
+
+    candidate: Candidate
+    values: tuple[Value, ...]  # Nodes that could be simulated, the base among them.
+    change: NDArray[np.float64]  # (values, scenes, features), zeros at the base.
+
+    @property
+    def name(self) -> str:
+        """The candidate's."""
+        return self.candidate.name
+
+    def at(self, place: float) -> Table:
+        """Change at a place between the values: 0 is the first, 1.5 halfway to the third."""
+        below = min(int(place), len(self.values) - 2)
+        share = place - below
+        return (1 - share) * self.change[below] + share * self.change[below + 1]
+
+    def value(self, place: float) -> Value:
+        """Parameter at a place; of words the nearest."""
+        if not self.candidate.numeric:
+            return self.values[round(place)]
+        below = min(int(place), len(self.values) - 2)
+        share = place - below
+        low, high = float(self.values[below]), float(self.values[below + 1])
+        return (1 - share) * low + share * high
+
+    @property
+    def base_place(self) -> int:
+        """Place of the base."""
+        return self.values.index(self.candidate.base)
+
+
+def signature(candidate: Candidate, bench: Bench, nodes: Sequence[Value]) -> Signature | None:
+    """Simulate some of a candidate's nodes with the base's noise; None where none can be.
+
+    Args:
+        candidate: of the bench's arm.
+        bench: the subjects.
+        nodes: those of the candidate's that are simulated, in their order.
+    """
+    made = [(node, bench.change({candidate.name: node})) for node in nodes]
+    known = [(node, change) for node, change in made if change is not None]
+    if not known:
+        return None
+    values = [node for node, _ in known]
+    changes = [change for _, change in known]
+    place = 0
+    if candidate.numeric:
+        place = int(np.searchsorted(np.array(values, float), float(candidate.base)))
+    values.insert(place, candidate.base)
+    changes.insert(place, np.zeros_like(changes[0]))
+    return Signature(candidate, tuple(values), np.stack(changes))
