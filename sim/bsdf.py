@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import backend
+from sim import backend, coat
+from sim.coat import Reflectance
 from sim.scene import Body, Finish, Material
 
 Dict = dict[str, Any]
@@ -22,16 +23,20 @@ def of(body: Body, finish: Finish) -> Dict:
     return _opened(_twosided(_blend(body, finish)), body, finish)
 
 
-def unblended(body: Body, finish: Finish) -> Dict:
-    """BSDF dict whose diffuse reflectance is the body's: Mitsuba knows none of a blend."""
-    return _twosided(_plain(body.material, _value(body, finish)))
+def evenly_lit(body: Body, finish: Finish) -> Dict | None:
+    """BSDF dict whose diffuse reflectance is what a body returns of even light.
 
-
-def is_blend(body: Body, finish: Finish) -> bool:
-    """Whether a body returns light in shares of several materials."""
-    if not _changes(body, finish):
-        return False
-    return 0 < finish.metal < 1 or (finish.metal == 0 and 0 < finish.gloss < 1)
+    Mitsuba knows none of a blend, and of a coated surface that beneath the coat. None where the
+    body's own BSDF says it.
+    """
+    value = _value(body, finish)
+    if body.material.kind == "glossy" and not (_changes(body, finish) and finish.metal == 1):
+        return _twosided({"type": "diffuse", "reflectance": _spectrum(value)})
+    if not _changes(body, finish) or finish.metal == 1 or finish.metal == finish.gloss == 0:
+        return None
+    if body.material.kind == "metal" and finish.gloss < 1:
+        return _twosided(_plain(body.material, value))
+    return _twosided({"type": "diffuse", "reflectance": _spectrum(value)})
 
 
 def grey_bitmap(image: NDArray[np.float32]) -> Dict:
@@ -53,16 +58,16 @@ def _changes(body: Body, finish: Finish) -> bool:
     return finish.touches(body.name) and body.material.kind not in ("mirror", "glass")
 
 
-def _value(body: Body, finish: Finish) -> float | Dict:
-    """Reflectance, as a number or a texture's dict."""
+def _value(body: Body, finish: Finish) -> Reflectance:
+    """Reflectance: a number, or a texture."""
     scale = finish.reflectance_scale if finish.touches(body.name) else 1.0
     if body.texture is None or body.material.kind == "mirror":
         return (
             body.material.reflectance if scale == 1 else min(body.material.reflectance * scale, 1.0)
         )
     if scale == 1:
-        return grey_bitmap(body.texture)
-    return grey_bitmap(np.minimum(body.texture * np.float32(scale), np.float32(1)))
+        return body.texture
+    return np.minimum(body.texture * np.float32(scale), np.float32(1))
 
 
 def _blend(body: Body, finish: Finish) -> Dict:
@@ -80,7 +85,7 @@ def _share(share: float, below: Dict, above: Dict) -> Dict:
     return {"type": "blendbsdf", "weight": share, "below": below, "over": above}
 
 
-def _plain(material: Material, value: float | Dict) -> Dict:
+def _plain(material: Material, value: Reflectance) -> Dict:
     """BSDF of a material, on its front alone."""
     if material.kind == "diffuse":
         return {"type": "diffuse", "reflectance": _spectrum(value)}
@@ -93,17 +98,18 @@ def _plain(material: Material, value: float | Dict) -> Dict:
     return {"type": "dielectric", "int_ior": material.ior, "ext_ior": 1.0}
 
 
-def _coated(value: float | Dict, roughness: float) -> Dict:
+def _coated(value: Reflectance, roughness: float) -> Dict:
     return {
         "type": "roughplastic",
         "distribution": "ggx",
         "alpha": roughness,
-        "diffuse_reflectance": _spectrum(value),
+        "int_ior": coat.IOR,
+        "diffuse_reflectance": _spectrum(coat.beneath(value, roughness)),
         "nonlinear": True,
     }
 
 
-def _metal(value: float | Dict, roughness: float) -> Dict:
+def _metal(value: Reflectance, roughness: float) -> Dict:
     return {
         "type": "principled",
         "metallic": 1.0,
@@ -125,5 +131,7 @@ def _opened(bsdf: Dict, body: Body, finish: Finish) -> Dict:
     return {"type": "mask", "opacity": 1 - finish.transparency, "bsdf": bsdf}
 
 
-def _spectrum(value: float | Dict) -> Dict:
-    return value if isinstance(value, dict) else {"type": "spectrum", "value": value}
+def _spectrum(value: Reflectance) -> Dict:
+    if isinstance(value, np.ndarray):
+        return grey_bitmap(value)
+    return {"type": "spectrum", "value": value}

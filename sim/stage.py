@@ -110,20 +110,17 @@ def _numbers(shapes: list[Any]) -> NDArray[np.uint32]:
 
 
 def _diffuse(scene: Scene, shapes: list[Any]) -> list[Any]:
-    """BSDFs by shape handle whose diffuse reflectance ambient light needs; empty: the shapes' own.
-
-    Mitsuba does not know the diffuse reflectance of a blend.
-    """
-    blends = [bsdf.is_blend(body, scene.finish) for body in scene.bodies]
-    if not any(blends) or not backend.is_jit():
+    """BSDFs by shape handle that tell what even light is returned; empty: the shapes' own do."""
+    others = [bsdf.evenly_lit(body, scene.finish) for body in scene.bodies]
+    if not any(others) or not backend.is_jit():
         return []
     mi = backend.mitsuba()
     table: list[Any] = [shapes[0].bsdf()] * (max(map(shape_handle, shapes)) + 1)
     for number, shape in enumerate(shapes):
         table[shape_handle(shape)] = shape.bsdf()
-        if number < len(blends) and blends[number]:
-            body = scene.bodies[number]
-            table[shape_handle(shape)] = mi.load_dict(bsdf.unblended(body, scene.finish))
+        other = others[number] if number < len(others) else None
+        if other is not None:
+            table[shape_handle(shape)] = mi.load_dict(other)
     return table
 
 

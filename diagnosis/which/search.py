@@ -133,7 +133,7 @@ def search(
     model = _thinned(bench, likelihood, model, threshold)
     return Search(
         accepted=tuple(
-            _accepted(number, model, signatures, likelihood, folds)
+            _accepted(number, model, signatures, likelihood, folds, threshold)
             for number in range(len(model.terms))
         ),
         threshold=threshold,
@@ -242,6 +242,7 @@ def _accepted(
     signatures: Sequence[Signature],
     likelihood: Likelihood,
     folds: Folds,
+    threshold: float,
 ) -> Accepted:
     given = model.made(without=number)
     own = fit(model.terms[number], likelihood, folds, given=given)
@@ -250,18 +251,22 @@ def _accepted(
         fit(one, likelihood, folds, given=given) for one in signatures if one.name not in used
     ]
     return Accepted(
-        fit=own, interval=own.interval(level=_LEVEL, seed=0), rivals=_rivals(own, others)
+        fit=own, interval=own.interval(level=_LEVEL, seed=0), rivals=_rivals(own, others, threshold)
     )
 
 
-def _rivals(own: Fit, others: Sequence[Fit]) -> tuple[Fit, ...]:
-    """Candidates whose held-out gain, scene by scene, is not surely less."""
+def _rivals(own: Fit, others: Sequence[Fit], threshold: float) -> tuple[Fit, ...]:
+    """Candidates that gain nearly as much, or about as much scene by scene.
+
+    As much as an effect has to gain to be named, one has to gain over another to be told from it.
+    """
     rng = np.random.default_rng(0)
     scenes = len(own.gain)
     times = rng.multinomial(scenes, np.full(scenes, 1 / scenes), size=_DRAWS)
     found = [
         other
         for other in others
-        if other.total > 0 and np.mean(times @ (other.gain - own.gain) >= 0) > _SAME
+        if other.total > max(0.0, own.total - threshold)
+        or (other.total > 0 and np.mean(times @ (other.gain - own.gain) >= 0) > _SAME)
     ]
     return tuple(sorted(found, key=lambda one: -one.total))

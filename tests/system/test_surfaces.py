@@ -8,7 +8,7 @@ import pytest
 import scipy.ndimage
 import scipy.optimize
 
-from sim import backend, bsdf, frames, render, render_scalar, sensors, stage
+from sim import backend, bsdf, coat, frames, render, render_scalar, sensors, stage
 from sim.backend import BackendError
 from sim.scene import Ambient, Body, Finish, Material, Mesh, Scene, Sun
 from sim.scenes import solids
@@ -109,6 +109,30 @@ def test_shares_mix_linearly(even, share):
         ends = [middle(getattr(layers.left, layer)) for layers in (none, full)]
         expected = 0.6 * ends[0] + 0.4 * ends[1]
         assert middle(getattr(half.left, layer)) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("reflectance", [0.06, 0.4, 0.6])
+@pytest.mark.parametrize("roughness", [0.1, 0.15, 0.3])
+def test_a_coated_surface_returns_its_reflectance(reflectance, roughness):
+    """Light along the normal, gathered over all directions, and light from everywhere alike."""
+    mi, dr = backend.mitsuba(), backend.drjit()
+    material = Material(name="m", kind="glossy", reflectance=reflectance, roughness=roughness)
+    plain = mi.load_dict(bsdf.of(plate("wall", 1.0, material), Finish()))
+    rays, count = mi.PCG32(size=1 << 18), 1 << 18
+    si = dr.zeros(mi.SurfaceInteraction3f, count)
+    si.wi = mi.Vector3f(0, 0, 1)
+    sample = mi.Point2f(rays.next_float32(), rays.next_float32())
+    _, weight = plain.sample(mi.BSDFContext(), si, rays.next_float32(), sample)
+    assert float(np.mean(np.array(weight[0]))) == pytest.approx(reflectance, rel=0.02)
+    sky = rendered(plate("wall", 1.0, material)).left.ambient
+    assert middle(sky) * np.pi == pytest.approx(reflectance, rel=1e-3)
+
+
+def test_a_coat_without_a_ground_that_fits_does_what_it_can():
+    assert coat.beneath(0.01, 0.1) == 0 and coat.beneath(1.0, 0.3) == 1
+    texture = np.array([[0.1, 0.5]], np.float32)
+    each = [coat.beneath(float(value), 0.15) for value in texture[0]]
+    assert coat.beneath(texture, 0.15) == pytest.approx(np.array([each]))
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.5, 1.5, 3.0])

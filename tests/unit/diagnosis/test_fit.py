@@ -184,7 +184,7 @@ def searched(
 
 
 def test_an_effect_and_its_double_cannot_be_told_apart():
-    double = Signature(candidate("dot_blur"), VALUES, MADE["lens_blur"].change * 1.02)
+    double = Signature(candidate("dot_blur"), VALUES, MADE["lens_blur"].change * 1.3)
     bench = FakeBench({**MADE, "dot_blur": double})
     (accepted,) = searched({"lens_blur": 0.3}, bench=bench, names=(*NAMES, "dot_blur")).accepted
     names = {accepted.fit.name, *(one.name for one in accepted.rivals)}
