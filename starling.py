@@ -14,12 +14,18 @@ import tyro
 from tyro.conf import FlagCreatePairsOff, PositionalMetavarFromFieldName
 
 import calibration.verbs
+import diagnosis.verbs
 import learning.verbs
 import sim.verbs
 from sim import shell
 
 _app = tyro.extras.SubcommandApp()
-for _verb in (*sim.verbs.VERBS, *calibration.verbs.VERBS, *learning.verbs.VERBS):
+for _verb in (
+    *sim.verbs.VERBS,
+    *calibration.verbs.VERBS,
+    *learning.verbs.VERBS,
+    *diagnosis.verbs.VERBS,
+):
     _app.command(_verb)
 
 

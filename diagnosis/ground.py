@@ -22,6 +22,18 @@ Pixels = NDArray[np.intp]  # Places in a flattened image.
 
 AT_EDGE_PX, NEAR_EDGE_PX = 4, 12  # Half a matching window, and beyond all windows.
 _DEGREES = (40.0, 65.0)  # Facing, slanted, grazing.
+COVARIATES = [
+    "depth",
+    "radius",
+    "x",
+    "y",
+    "level",
+    "incidence",
+    "expected",
+    "edge",
+    "dots",
+    "fraction",
+]
 _THIRDS = (1 / 3, 2 / 3)
 _QUARTERS = ("1/4", "2/4", "3/4", "4/4")
 _LEVEL_PX = 31  # Window of the mean level.

@@ -54,11 +54,11 @@ class Told:
 
 
 def _projector_off(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
-    return [(scene, with_values(sensor, [("projector.power_w", "0")]))]
+    return [(scene, with_values(sensor, [("projector.power_w", 0.0)]))]
 
 
 def _cap_on(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
-    return [(_lit(scene, 0.0), with_values(sensor, [("projector.power_w", "0")]))]
+    return [(_lit(scene, 0.0), with_values(sensor, [("projector.power_w", 0.0)]))]
 
 
 def _lamp_on(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
@@ -67,7 +67,7 @@ def _lamp_on(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
 
 def _exposed_longer(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
     longer = 2 * sensor.left.exposure_s
-    return [(scene, with_values(sensor, [("imager.exposure_s", f"{longer!r}")]))]
+    return [(scene, with_values(sensor, [("imager.exposure_s", longer)]))]
 
 
 def _walls(scene: Scene, sensor: Sensor) -> Sequence[Setup]:

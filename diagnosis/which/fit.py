@@ -101,8 +101,14 @@ def _places(signature: Signature, steps: int) -> NDArray[np.float64]:
     return np.linspace(0, last, (last * steps if signature.candidate.numeric else last) + 1)
 
 
-def folds(scenes: int, *, seed: int = 0) -> list[NDArray[np.bool_]]:
-    """Part scenes into folds, at most as many as there are scenes."""
-    count = min(FOLDS, scenes)
-    number = np.random.default_rng(seed).permutation(scenes) % count
+def folds(rooms: Sequence[str], *, seed: int = 0) -> list[NDArray[np.bool_]]:
+    """Part scenes into folds, at most as many as there are rooms; a room is never parted.
+
+    Args:
+        rooms: that of each scene.
+        seed: of the order.
+    """
+    names, room = np.unique(np.asarray(rooms), return_inverse=True)
+    count = min(FOLDS, len(names))
+    number = (np.random.default_rng(seed).permutation(len(names)) % count)[room]
     return [number == fold for fold in range(count)]

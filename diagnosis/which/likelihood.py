@@ -37,8 +37,12 @@ class Likelihood:
             made: (scenes, features) what effects make.
         """
         square, known = self._square(made)
-        kept = np.where(known, np.minimum(square, _LARGEST), 0.0)
-        return float((kept @ self.weight).sum() / max((known @ self.weight).sum(), 1e-9))
+        return float(self._sum(square, known).sum() / max((known @ self.weight).sum(), 1e-9))
+
+    def sizes(self, made: Table) -> NDArray[np.float64]:
+        """The same for each scene (scenes,)."""
+        square, known = self._square(made)
+        return self._sum(square, known) / np.maximum(known @ self.weight, 1e-9)
 
     def left(self, made: Table) -> Table:
         """What effects leave of the gap, over its deviation (scenes, features)."""
@@ -59,6 +63,9 @@ class Likelihood:
         off = 0.5 * (FREEDOM + 1) * np.log1p(square / FREEDOM)
         # A feature that effects make unknown tells as much as one they leave alone.
         return np.where(known, off + wide, self._alone()) @ self.weight
+
+    def _sum(self, square: Table, known: NDArray[np.bool_]) -> NDArray[np.float64]:
+        return np.where(known, np.minimum(square, _LARGEST), 0.0) @ self.weight
 
     def _square(self, made: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         known = np.isfinite(self.gap) & np.isfinite(made)

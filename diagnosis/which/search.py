@@ -13,7 +13,6 @@ from diagnosis.which.bench import Bench, Table
 from diagnosis.which.candidates import Candidate
 from diagnosis.which.fit import Fit, fit, held_out
 from diagnosis.which.likelihood import Likelihood
-from diagnosis.which.null import Base
 from diagnosis.which.signature import Signature, signature
 from sim.effects.effect import Value
 
@@ -92,7 +91,6 @@ def coarse(candidate: Candidate) -> list[Value]:
 
 def search(
     bench: Bench,
-    of: Base,
     likelihood: Likelihood,
     candidates: Sequence[Candidate],
     alone: Sequence[Fit],
@@ -104,7 +102,6 @@ def search(
 
     Args:
         bench: subjects and arm.
-        of: the base.
         likelihood: of the gap.
         candidates: worth a closer look.
         alone: all candidates fitted alone, best first.

@@ -87,7 +87,7 @@ def test_an_effect_of_theirs_is_measured_by_ours(light, tmp_path):
     (candidate,) = [one for one in known if one.name == "vertical_offset"]
     made = signature(candidate, table, candidate.nodes)
     assert made is not None
-    found = fit(made, base.likelihood(table.real(), np.ones(len(table.names))), folds(2))
+    found = fit(made, base.likelihood(table.real(), np.ones(len(table.names))), folds(["a", "b"]))
     assert float(found.value) == pytest.approx(0.5, rel=0.25)
     assert found.gain.min() > null.LEAST_GAIN
 

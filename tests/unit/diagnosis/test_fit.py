@@ -18,6 +18,7 @@ from diagnosis.which.signature import Signature
 from sim import effects
 
 SCENES, FEATURES, SEEDS = 8, 40, 6
+HELD = folds([str(scene) for scene in range(SCENES)])
 NAMES = ("lens_blur", "veil", "crosstalk", "read_noise")
 
 
@@ -85,28 +86,30 @@ def test_places_lie_between_the_values():
     assert (one.at(0) == 0).all()
 
 
-def test_folds_hold_every_scene_out_once():
-    for scenes in (1, 2, 3, 8, 9):
-        held = folds(scenes)
-        assert len(held) == min(4, scenes)
+def test_folds_hold_every_room_out_once():
+    for count in (1, 2, 3, 8, 9):
+        rooms = [str(number // 2) for number in range(2 * count)]
+        held = folds(rooms)
+        assert len(held) == min(4, count)
         assert (np.sum(held, axis=0) == 1).all()
+        assert all(fold[2 * n] == fold[2 * n + 1] for fold in held for n in range(count))
 
 
 @pytest.mark.parametrize("value", [0.1, 0.35, 0.9])
 def test_strength_is_found(value):
     """Within 10 %, with 5 % noise in 320 numbers of size about one half; its interval holds it."""
     likelihood = likelihood_of({"veil": value}, 7)
-    found = fit(MADE["veil"], likelihood, folds(SCENES))
+    found = fit(MADE["veil"], likelihood, HELD)
     assert found.value == pytest.approx(value, rel=0.1)
     low, high = (float(end) for end in found.interval(level=0.9, seed=0))
     assert low <= float(found.value) <= high
     assert found.total > 100
-    wrong = fit(MADE["crosstalk"], likelihood, folds(SCENES))
+    wrong = fit(MADE["crosstalk"], likelihood, HELD)
     assert wrong.total < 0.2 * found.total
 
 
 def test_no_effect_gains_from_noise():
-    gains = null.gains(BASE, SIGNATURES, ONES, folds(SCENES))
+    gains = null.gains(BASE, SIGNATURES, ONES, HELD)
     assert gains.shape == (SEEDS,) and (gains < null.LEAST_GAIN).all()
     assert null.threshold(gains) == null.LEAST_GAIN
     assert null.threshold(np.array([50.0] * 20)) == 50
@@ -148,11 +151,10 @@ def test_effects_that_exclude_each_other_are_added_up():
     likelihood = BASE.likelihood(alone + full + noise(9), ONES)
     found = search.search(
         FakeBench(),  # type: ignore[arg-type]
-        BASE,
         likelihood,
         [candidate(name) for name in NAMES],
         [],
-        folds(SCENES),
+        HELD,
         threshold=null.LEAST_GAIN,
     )
     assert set(found.settings) == {"crosstalk", "veil"}
@@ -174,11 +176,10 @@ def searched(
     bench = bench or FakeBench()
     return search.search(
         bench,  # type: ignore[arg-type]
-        BASE,
         likelihood_of(settings, 9, bench=bench),
         [candidate(name) for name in names],
         [],
-        folds(SCENES),
+        HELD,
         threshold=null.LEAST_GAIN,
     )
 

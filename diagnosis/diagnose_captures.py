@@ -1,0 +1,82 @@
+"""The work of `starling diagnose`: captures and a sensor in, a report out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from diagnosis.diagnosis import Diagnosis, diagnose
+from diagnosis.report import figures as numbers
+from sim import backend, capture, progress, record, sensors
+from sim.effects import setting
+from sim.output import RECORD, OutputFolder, refuse_own_input
+from sim.sensor import Sensor
+
+FIXED = "sensor.toml"
+
+
+def diagnose_captures(
+    captures: str,
+    sensor: Sensor,
+    out: Path,
+    *,
+    cache: Path | None = None,
+    leave_out: Sequence[str] = (),
+    fix: bool = False,
+    force: bool = False,
+    asked: Mapping[str, Any] | None = None,
+    tell: progress.Progress = progress.silent,
+) -> dict[str, Any]:
+    """Diagnose a capture set and write the report.
+
+    Args:
+        captures: capture set or one scene in it.
+        sensor: the base, with the captures' geometry.
+        out: folder for report.json and how it was made.
+        cache: folder that keeps what is simulated, for other runs.
+        leave_out: families of effects that are not tried.
+        fix: write the sensor with the accepted effects in.
+        force: replace what was written before.
+        asked: more arguments for the record.
+        tell: wraps loops that take long.
+
+    Returns:
+        The figures (see `diagnosis.report.figures`), and where the report is.
+
+    Raises:
+        InputError: whatever is wrong with captures or output; nothing is left.
+    """
+    begun = time.perf_counter()
+    opened = capture.open_set(captures)
+    refuse_own_input(out, opened.path)
+    with OutputFolder(out, force=force) as folder:
+        found = diagnose(opened, sensor, cache=cache, leave_out=leave_out, tell=tell)
+        figures = numbers.figures(found)
+        folder.write("report.json", record.dumps(figures))
+        if fix:
+            folder.write(FIXED, sensors.dumps(fixed(found, sensor)))
+        folder.write(
+            RECORD,
+            record.dumps(
+                {
+                    "verb": "diagnose",
+                    "arguments": {
+                        "captures": captures,
+                        "leave_out": list(leave_out),
+                        "fix": fix,
+                        **(asked or {}),
+                    },
+                    "versions": record.versions(),
+                    "renderer": backend.renderer(),
+                    "figures": {"verdict": figures["verdict"], "effects": figures["effects"]},
+                }
+            ),
+        )
+    return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}
+
+
+def fixed(found: Diagnosis, sensor: Sensor) -> Sensor:
+    """The sensor with the accepted effects in; what the scene has stays out."""
+    return setting.on_sensor(sensor, found.settings)

@@ -1,0 +1,128 @@
+"""How far the gap closes on scenes that had no say in what was named."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis.howfar.closed import Closed, closed
+from diagnosis.howfar.distances import distances
+from diagnosis.reading import Reading
+from diagnosis.subject import Subject
+from diagnosis.which import null
+from diagnosis.which.arm import Found
+from diagnosis.which.bench import Bench, Table
+from diagnosis.which.likelihood import Likelihood
+from sim.effects.effect import Value
+
+Settings = Mapping[str, Value]
+
+_DRAWS = 4  # Seeds of a simulated reading.
+_OTHER = 100  # Seed of what stands for another capture of the same scene.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Judged:
+    """Answers to the third question."""
+
+    figures: dict[str, Closed]
+    shares: dict[str, float]  # By effect, of the features' gap that was closed (Shapley), 0..1.
+
+
+def judged(locked: Sequence[Subject], settings: Settings, arms: Sequence[Found]) -> Judged:
+    """Measure the gap of locked scenes before and after, and what noise alone makes.
+
+    Beside every distance stands `features of the ARM`: the size of the gap in all that the
+    diagnosis looks at.
+
+    Args:
+        locked: scenes that told nothing of which.
+        settings: value by accepted effect.
+        arms: whose features are looked at.
+    """
+    before = [_distances(one.real, one, {}) for one in locked]
+    after = [_distances(one.real, one, settings) for one in locked]
+    floor = [_distances(_other(one, settings), one, settings) for one in locked]
+    shares: dict[str, float] = {}
+    for arm in arms:
+        table, likelihood, other = _likelihoods(arm, locked)
+        made = _made(table, arm.settings) if arm.settings else likelihood.nothing
+        name = f"features of the {arm.bench.arm.value}"
+        for many, of, by in (
+            (before, likelihood, likelihood.nothing),
+            (after, likelihood, made),
+            (floor, other, made),
+        ):
+            for row, size in zip(many, of.sizes(by), strict=True):
+                row[name] = float(size)
+        shares |= _shares(arm, table, likelihood)
+    return Judged(figures=closed(before, after, floor), shares=shares)
+
+
+def _distances(real: Reading, of: Subject, settings: Settings) -> dict[str, float]:
+    drawn = [of.simulate(settings, seed=seed) for seed in range(_DRAWS)]
+    return distances(real, drawn, of.ground, device=real.device_px is not None)
+
+
+def _other(of: Subject, settings: Settings) -> Reading:
+    """A simulated reading in the place of the real one."""
+    drawn = of.simulate(settings, seed=_OTHER)
+    device_px = drawn.ours_px if of.real.device_px is not None else None
+    return dataclasses.replace(drawn, device_px=device_px)
+
+
+def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likelihood, Likelihood]:
+    """The locked scenes' features: of the real readings, and of simulated ones in their place."""
+    table = dataclasses.replace(arm.bench, subjects=tuple(locked), _kept={})
+    base = null.base(table)
+    other = table.simulated(arm.settings, seed=_OTHER)
+    if other is None:
+        other = base.mean + _made(table, arm.settings)
+    return table, base.likelihood(table.real(), arm.weight), base.likelihood(other, arm.weight)
+
+
+def _made(table: Bench, settings: Settings) -> Table:
+    """What effects change together, or where they exclude each other one by one."""
+    together = table.change(settings)
+    if together is not None:
+        return together
+    alone = [table.change({name: value}) for name, value in settings.items()]
+    known = [one for one in alone if one is not None]
+    return np.sum(known, axis=0)
+
+
+def _shares(arm: Found, table: Bench, likelihood: Likelihood) -> dict[str, float]:
+    """Shapley values of the accepted effects over what they close together.
+
+    Source: Shapley, A value for n-person games (1953), eq. 13.
+    """
+    names = tuple(arm.settings)
+    closed_by = {
+        some: likelihood.size(likelihood.nothing)
+        - likelihood.size(_made(table, {name: arm.settings[name] for name in some}))
+        for count in range(1, len(names) + 1)
+        for some in itertools.combinations(names, count)
+    }
+    closed_by[()] = 0.0
+    total = closed_by[names]
+    if total <= 0:
+        return {}
+    return {name: _shapley(name, names, closed_by) / total for name in names}
+
+
+def _shapley(
+    name: str, names: tuple[str, ...], closed_by: Mapping[tuple[str, ...], float]
+) -> float:
+    others = [one for one in names if one != name]
+    value = 0.0
+    for count in range(len(others) + 1):
+        weight = math.factorial(count) * math.factorial(len(others) - count)
+        for some in itertools.combinations(others, count):
+            with_it = tuple(one for one in names if one in some or one == name)
+            value += weight * (closed_by[with_it] - closed_by[some])
+    return value / math.factorial(len(names))

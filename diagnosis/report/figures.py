@@ -1,0 +1,90 @@
+"""Every number of a diagnosis, as JSON has them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from diagnosis.diagnosis import Diagnosis
+from diagnosis.report import sentences
+from diagnosis.which.arm import Found
+from diagnosis.which.search import Accepted
+
+
+def figures(of: Diagnosis) -> dict[str, Any]:
+    """Return what `starling diagnose --json` prints: NaN is None there."""
+    return _plain(
+        {
+            "verdict": of.kind,
+            "says": sentences.answer(of),
+            "effects": [_effect(arm, one) for arm in of.arms for one in arm.search.accepted],
+            "tell_apart": [dataclasses.asdict(one) for one in of.tell_apart],
+            "where": {
+                "parts": {name: _part(part) for name, part in of.where.parts.items()},
+                "rules": [dataclasses.asdict(rule) for rule in of.where.rules],
+                "rows": [dataclasses.asdict(row) for row in of.where.rows],
+                "maps": [
+                    {
+                        "quantity": one.quantity,
+                        "frame": one.frame,
+                        "mean": one.mean.tolist(),
+                        "t": one.t.tolist(),
+                    }
+                    for one in of.where.maps
+                ],
+                "bodies": [dataclasses.asdict(body) for body in of.where.bodies],
+            },
+            "which": {arm.bench.arm.value: _arm(arm) for arm in of.arms},
+            "howfar": {}
+            if of.howfar is None
+            else {name: dataclasses.asdict(one) for name, one in of.howfar.figures.items()},
+            "shares": {} if of.howfar is None else of.howfar.shares,
+            "scenes": of.scenes,
+            "locked": of.locked,
+            "limits": of.limits,
+        }
+    )
+
+
+def _part(part: Any) -> dict[str, Any]:
+    return {**dataclasses.asdict(part), "image_share": part.image_share}
+
+
+def _effect(arm: Found, one: Accepted) -> dict[str, Any]:
+    return {
+        "name": one.fit.name,
+        "arm": arm.bench.arm.value,
+        "parameters": {one.fit.name: one.fit.value},
+        "interval": list(one.interval),
+        "base": one.fit.signature.candidate.base,
+        "set": [one.fit.name, *(rival.name for rival in one.rivals)],
+        "rivals": {rival.name: rival.value for rival in one.rivals},
+        "gain": one.fit.total,
+    }
+
+
+def _arm(arm: Found) -> dict[str, Any]:
+    return {
+        "before": arm.search.before,
+        "after": arm.search.after,
+        "threshold": arm.search.threshold,
+        "unexplained": arm.unexplained,
+        "lead": arm.lead,
+        "features": len(arm.bench.names),
+        "votes": float(arm.weight.sum()),
+        "alone": [
+            {"name": one.name, "value": one.value, "gain": one.total} for one in arm.search.alone
+        ],
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Replace what JSON has no word for."""
+    if isinstance(value, dict):
+        return {name: _plain(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value

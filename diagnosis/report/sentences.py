@@ -1,0 +1,86 @@
+"""The answer in three sentences: where, which, how far."""
+
+from __future__ import annotations
+
+from diagnosis.diagnosis import Diagnosis
+from diagnosis.which.arm import Found
+from diagnosis.which.search import Accepted
+from sim.effects.effect import Value
+
+_STAGES = {"image": "the infrared images", "depth": "the device's matcher and filters"}
+
+
+def answer(of: Diagnosis) -> list[str]:
+    """Say what was found, one sentence for each question."""
+    return [_where(of), _which(of), _howfar(of)]
+
+
+def _where(of: Diagnosis) -> str:
+    part = of.where.parts["ndp_rate"]
+    real = part.device if part.device is not None else part.rematched
+    if real is None:
+        return "Nothing was captured that depth could be told from."
+    said = f"{_percent(real)} of the pixels have no depth, simulated {_percent(part.simulated)}"
+    if part.image_share is not None and part.image is not None and part.matcher is not None:
+        said += (
+            f"; of the gap {_points(part.image[0])} arise in the images and "
+            f"{_points(part.matcher[0])} in matcher and filters"
+        )
+    if of.where.rules and abs(of.where.rules[0].gap) > 0.005:
+        rule = of.where.rules[0]
+        said += f"; most where {rule.text} ({_points(rule.gap)} in {_percent(rule.area)})"
+    return said + "."
+
+
+def _which(of: Diagnosis) -> str:
+    if of.kind == "cannot tell":
+        return "These captures cannot tell which effect it is."
+    if of.kind == "no gap":
+        return "No gap was found that an effect would have to explain."
+    named = [_named(one) for arm in of.arms for one in arm.search.accepted]
+    said = "The gap is consistent with " + ", with ".join(named) if named else ""
+    if of.kind == "effects":
+        return said + "."
+    leads = [f"{_STAGES[arm.bench.arm.value]}: {_lead(arm)}" for arm in of.arms if arm.unexplained]
+    rest = "None of the known effects explains the gap; what is left shows in " + "; ".join(leads)
+    return f"{rest}." + (f" {said} as stand-ins." if said else "")
+
+
+def _lead(arm: Found) -> str:
+    return ", ".join(arm.lead) if arm.lead else "no single group of features"
+
+
+def _named(one: Accepted) -> str:
+    low, high = (number(end) for end in one.interval)
+    said = f"{one.fit.name} {number(one.fit.value)} [{low}, {high}]"
+    if one.rivals:
+        said += " (not separable from " + ", ".join(rival.name for rival in one.rivals) + ")"
+    return said
+
+
+def _howfar(of: Diagnosis) -> str:
+    if of.howfar is None:
+        return "How far it closes was not judged."
+    said = [
+        f"{name} {one.closed_pct:.0f} % [{one.interval[0]:.0f}, {one.interval[1]:.0f}]"
+        for name, one in of.howfar.figures.items()
+        if one.closed_pct is not None and one.interval is not None
+    ]
+    if not said:
+        return f"On {len(of.locked)} scenes that had no say nothing could be closed."
+    return (
+        f"Of the closable gap on {len(of.locked)} scenes that had no say: " + ", ".join(said) + "."
+    )
+
+
+def number(value: Value) -> str:
+    """Write a parameter's value."""
+    return value if isinstance(value, str) else f"{value:.3g}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+def _points(share: float) -> str:
+    return f"{100 * share:+.1f} points"

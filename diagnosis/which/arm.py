@@ -1,0 +1,108 @@
+"""One half of the stage swap from its first screening to what it leaves unexplained."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.ground import COVARIATES
+from diagnosis.which import null, search
+from diagnosis.which.bench import Bench
+from diagnosis.which.candidates import Candidate
+from diagnosis.which.fit import fit, folds
+from diagnosis.which.likelihood import Likelihood, weights
+from diagnosis.which.null import Base
+from diagnosis.which.search import Search
+from diagnosis.which.signature import signature
+from sim import progress
+from sim.effects.effect import Value
+
+CLOSER = 12  # Candidates that are simulated at all their strengths.
+# Size of what is left (`Likelihood.size`) above which something else is at work: a constant, and a
+# share of what there was, as no effect is simulated as it truly is.
+UNEXPLAINED, OF_BEFORE = 0.65, 0.05
+_NAMED = 3  # Groups of features that a lead names.
+_LEAD = 3.0  # Mean deviations of a group from which it is a lead.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Found:
+    """What one arm says."""
+
+    bench: Bench
+    base: Base
+    weight: NDArray[np.float64]  # (features,)
+    likelihood: Likelihood
+    search: Search
+    lead: tuple[str, ...]  # Groups of features that stay unexplained, the worst first.
+
+    @property
+    def settings(self) -> dict[str, Value]:
+        """Value by accepted effect."""
+        return self.search.settings
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether more is left than what is named leaves where it is true."""
+        return self.search.after > UNEXPLAINED + OF_BEFORE * self.search.before
+
+
+def diagnosed(
+    bench: Bench,
+    candidates: Sequence[Candidate],
+    *,
+    tell: progress.Progress = progress.silent,
+) -> Found:
+    """Find the effects of one arm.
+
+    Args:
+        bench: subjects and arm.
+        candidates: all that may have acted.
+        tell: wraps loops that take long.
+    """
+    base = null.base(bench)
+    rough = [
+        made
+        for one in tell(list(candidates), f"effects on the {bench.arm.value}")
+        if (made := signature(one, bench, search.coarse(one))) is not None
+    ]
+    weight = weights(rough, base.deviation)
+    likelihood = base.likelihood(bench.real(), weight)
+    held = folds([one.room for one in bench.subjects])
+    alone = sorted((fit(one, likelihood, held) for one in rough), key=lambda one: -one.total)
+    threshold = null.threshold(null.gains(base, rough, weight, held))
+    closer = [one.signature.candidate for one in alone[:CLOSER] if one.total > 0]
+    worth_it = likelihood.size(likelihood.nothing) > null.size(base, weight)
+    found = search.search(
+        bench, likelihood, closer if worth_it else [], alone, held, threshold=threshold
+    )
+    return Found(
+        bench=bench,
+        base=base,
+        weight=weight,
+        likelihood=likelihood,
+        search=found,
+        lead=_lead(bench.names, found.left),
+    )
+
+
+def _lead(features: Sequence[str], left: NDArray[np.float64]) -> tuple[str, ...]:
+    """Groups of features whose mean over scenes is far off."""
+    groups: dict[str, list[float]] = {}
+    for name, column in zip(features, left.T, strict=True):
+        known = column[np.isfinite(column)]
+        if known.size:
+            groups.setdefault(_group(name), []).append(abs(float(known.mean())))
+    size = {name: float(np.sqrt(np.mean(np.square(many)))) for name, many in groups.items()}
+    worst = sorted((name for name in size if size[name] > _LEAD), key=lambda name: -size[name])
+    return tuple(worst[:_NAMED])
+
+
+def _group(name: str) -> str:
+    """`holes.edge.open` is of `holes by edge`."""
+    first, *rest = name.split(".")
+    by = next((word for word in rest if word in COVARIATES), None)
+    return first if by is None else f"{first} by {by}"
