@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from diagnosis.crew import Crew
 from diagnosis.howfar.judged import Judged, judged
 from diagnosis.subject import Subject, subject
 from diagnosis.tell_apart import Told, tell_apart
@@ -74,19 +75,20 @@ def diagnose(
     locked = _locked([one.room for one in subjects])
     asked = [one for one, held in zip(subjects, locked, strict=True) if not held]
     kept = [one for one, held in zip(subjects, locked, strict=True) if held]
-    arms = [
-        diagnosed(
-            bench(asked, arm, cache=cache),
-            [
-                one
-                for one in candidates(sensor, asked[0].scene, arm)
-                if one.effect.family not in leave_out
-            ],
-            tell=tell,
-        )
-        for arm in Arm
-        if _has(arm, asked) and len({one.room for one in asked}) >= FEWEST
-    ]
+    with Crew(captures.path, sensor, [one.name for one in asked]) as crew:
+        arms = [
+            diagnosed(
+                bench(asked, arm, cache=cache, crew=crew),
+                [
+                    one
+                    for one in candidates(sensor, asked[0].scene, arm)
+                    if one.effect.family not in leave_out
+                ],
+                tell=tell,
+            )
+            for arm in Arm
+            if _has(arm, asked) and len({one.room for one in asked}) >= FEWEST
+        ]
     settings = {name: value for arm in arms for name, value in arm.settings.items()}
     howfar = judged(kept, settings, arms) if kept and settings else None
     return Diagnosis(

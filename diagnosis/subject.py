@@ -53,8 +53,7 @@ class Subject:
         own = scene_seed(seed, self.name)
         layers = self._layers
         if any(named(name.partition(".")[0]).rerender for name in settings):
-            stage = self._stage if scene is self.scene else Stage(scene)
-            layers = simulate.rendered(stage, sensor, samples=_SAMPLES)
+            layers = simulate.rendered(self._stage.of(scene), sensor, samples=_SAMPLES)
         pairs = [
             simulate.infrared(layers, scene, sensor, seed=own, frame=frame)
             for frame in range(self.frames)

@@ -6,7 +6,6 @@ enlarged by s is a sensor shrunk by s, whose lengths and light are enlarged afte
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 
 import numpy as np
@@ -36,9 +35,7 @@ def in_model(stage: Stage, sensor: Sensor) -> tuple[Stage, Sensor]:
     scene, true = rig(stage.scene, sensor)
     if scene is stage.scene:
         return stage, sensor
-    placed = copy.copy(stage)
-    placed.scene = scene
-    return placed, true
+    return stage.of(scene), true
 
 
 def rig(scene: Scene, sensor: Sensor) -> tuple[Scene, Sensor]:

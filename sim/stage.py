@@ -50,6 +50,15 @@ class Stage:
             albedo *= 1 - own.eval_null_transmission(si, si.is_valid())[0]
         return albedo
 
+    def of(self, scene: Scene) -> Stage:
+        """The stage of another scene; where its surfaces are the same they are shared."""
+        mine = (self.scene.bodies, self.scene.shapes, self.scene.finish)
+        if (scene.bodies, scene.shapes, scene.finish) != mine:
+            return Stage(scene)
+        other = copy.copy(self)
+        other.scene = scene
+        return other
+
     def blocking(self) -> Stage:
         """This stage without what lets light pass: all that throws a shadow."""
         if self.specular is None:

@@ -78,7 +78,7 @@ def _other(of: Subject, settings: Settings) -> Reading:
 
 def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likelihood, Likelihood]:
     """The locked scenes' features: of the real readings, and of simulated ones in their place."""
-    table = dataclasses.replace(arm.bench, subjects=tuple(locked), _kept={})
+    table = dataclasses.replace(arm.bench, subjects=tuple(locked), crew=None, _kept={})
     base = null.base(table)
     other = table.simulated(arm.settings, seed=_OTHER)
     if other is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.crew import Crew
 from diagnosis.features import reading as features
 from diagnosis.reading import Reading
 from diagnosis.subject import Subject
@@ -18,34 +19,64 @@ from diagnosis.which.candidates import Arm
 from patterns.errors import InputError
 from sim.effects.effect import Value
 
+Row = NDArray[np.float64]  # (features,)
 Table = NDArray[np.float64]  # (scenes, features); NaN where a feature has too few pixels.
 
 _MADE = 1  # Of the features: another number, and what is kept is made again.
 
 
-@dataclass(frozen=True, eq=False)
-class Bench:
-    """Subjects, one arm, and the order of its features."""
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Columns:
+    """What is told of each scene, the same for all."""
 
-    subjects: tuple[Subject, ...]
     arm: Arm
     names: tuple[str, ...]
     ceiling: float  # Largest code.
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """Subjects, and the features that one arm has of them."""
+
+    subjects: tuple[Subject, ...]
+    columns: Columns
     cache: Path | None = None  # Folder that keeps what was simulated.
-    _kept: dict[tuple[int, str, int], NDArray[np.float64] | None] = field(
-        default_factory=dict, repr=False
-    )
+    crew: Crew | None = None  # Who simulates; None: this process.
+    _kept: dict[tuple[int, str, int], Row | None] = field(default_factory=dict, repr=False)
+
+    @property
+    def arm(self) -> Arm:
+        """Half of the stage swap."""
+        return self.columns.arm
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the features."""
+        return self.columns.names
 
     def real(self) -> Table:
         """What was captured."""
-        return np.stack([self._row(one.real, one) for one in self.subjects])
+        return np.stack([_row(one.real, one, self.columns) for one in self.subjects])
 
     def simulated(self, settings: Mapping[str, Value], *, seed: int = 0) -> Table | None:
         """What is simulated with effects set; None where they cannot be, all at once.
 
         Equal seeds share all noise. Nothing is simulated twice.
         """
-        rows = [self._simulated(number, settings, seed) for number in range(len(self.subjects))]
+        asked = dict(sorted(settings.items()))
+        keys = [(number, repr(list(asked.items())), seed) for number in range(len(self.subjects))]
+        for key in keys:
+            kept = self._path(*key)
+            if key not in self._kept and kept is not None and kept.is_file():
+                row = np.load(kept, allow_pickle=False)
+                self._kept[key] = row if row.size else None
+        missing = [key for key in keys if key not in self._kept]
+        for key, row in zip(missing, self._made(missing, asked, seed), strict=True):
+            self._kept[key] = row
+            kept = self._path(*key)
+            if kept is not None:
+                _save(kept, np.empty(0) if row is None else row)
+        rows = [self._kept[key] for key in keys]
         known = [row for row in rows if row is not None]
         return np.stack(known) if len(known) == len(rows) else None
 
@@ -55,36 +86,20 @@ class Bench:
         assert base is not None
         return None if with_effects is None else with_effects - base
 
-    def _simulated(
-        self, number: int, settings: Mapping[str, Value], seed: int
-    ) -> NDArray[np.float64] | None:
-        text = repr(sorted(settings.items()))
-        key = (number, text, seed)
-        if key not in self._kept:
-            kept = self._path(number, text, seed)
-            if kept is not None and kept.is_file():
-                row = np.load(kept, allow_pickle=False)
-                self._kept[key] = row if row.size else None
-            else:
-                row = self._kept[key] = self._made(number, settings, seed)
-                if kept is not None:
-                    _save(kept, np.empty(0) if row is None else row)
-        return self._kept[key]
-
     def _made(
-        self, number: int, settings: Mapping[str, Value], seed: int
-    ) -> NDArray[np.float64] | None:
-        subject = self.subjects[number]
-        try:
-            if self.arm is Arm.DEPTH:
-                return self._row(subject.rematch(settings), subject)
-            return self._row(subject.simulate(settings, seed=seed), subject)
-        except InputError:  # Not every sensor can have every value.
-            return None
-
-    def _row(self, reading: Reading, subject: Subject) -> NDArray[np.float64]:
-        found = _features(self.arm, reading, subject, self.ceiling)
-        return np.array([found.get(name, np.nan) for name in self.names])
+        self, keys: Sequence[tuple[int, str, int]], settings: Mapping[str, Value], seed: int
+    ) -> Iterator[Row | None]:
+        subjects = [self.subjects[number] for number, _, _ in keys]
+        if self.crew is None:
+            for one in subjects:
+                yield simulated_row(one, self.columns, settings, seed)
+        else:
+            crew = self.crew
+            futures = [
+                crew.submit(one.name, simulated_row, self.columns, settings, seed)
+                for one in subjects
+            ]
+            yield from (future.result() for future in futures)
 
     def _path(self, number: int, text: str, seed: int) -> Path | None:
         if self.cache is None:
@@ -94,22 +109,42 @@ class Bench:
 
     @cached_property
     def _digests(self) -> list[str]:
-        return [_digest(one, self.arm, self.names) for one in self.subjects]
+        return [_digest(one, self.columns) for one in self.subjects]
 
 
-def bench(subjects: Sequence[Subject], arm: Arm, *, cache: Path | None = None) -> Bench:
+def bench(
+    subjects: Sequence[Subject], arm: Arm, *, cache: Path | None = None, crew: Crew | None = None
+) -> Bench:
     """Find out which features an arm of these subjects has.
 
     Args:
         subjects: at least one; all of one sensor.
         arm: image or depth.
         cache: folder that keeps what is simulated, for other runs.
+        crew: who simulates; None: this process.
     """
     first = subjects[0]
     ceiling = float(2**first.sensor.left.bit_depth - 1)
     reading = first.rematch({}) if arm is Arm.DEPTH else first.simulate({}, seed=0)
     names = tuple(sorted(_features(arm, reading, first, ceiling)))
-    return Bench(tuple(subjects), arm, names, ceiling, cache)
+    return Bench(tuple(subjects), Columns(arm=arm, names=names, ceiling=ceiling), cache, crew)
+
+
+def simulated_row(
+    of: Subject, columns: Columns, settings: Mapping[str, Value], seed: int
+) -> Row | None:
+    """Simulate one scene; None where its sensor cannot have these values."""
+    try:
+        if columns.arm is Arm.DEPTH:
+            return _row(of.rematch(settings), of, columns)
+        return _row(of.simulate(settings, seed=seed), of, columns)
+    except InputError:
+        return None
+
+
+def _row(reading: Reading, subject: Subject, columns: Columns) -> Row:
+    found = _features(columns.arm, reading, subject, columns.ceiling)
+    return np.array([found.get(name, np.nan) for name in columns.names])
 
 
 def _features(arm: Arm, reading: Reading, subject: Subject, ceiling: float) -> dict[str, float]:
@@ -118,17 +153,18 @@ def _features(arm: Arm, reading: Reading, subject: Subject, ceiling: float) -> d
     return features.of_image(reading, subject.ground, ceiling=ceiling)
 
 
-def _digest(subject: Subject, arm: Arm, names: tuple[str, ...]) -> str:
-    found = hashlib.sha256(repr((_MADE, names, subject.frames, subject.sensor)).encode())
+def _digest(subject: Subject, columns: Columns) -> str:
+    found = hashlib.sha256(repr((_MADE, columns, subject.frames, subject.sensor)).encode())
     for image in (subject.ground.expected, subject.ground.disparity_px):
         found.update(np.ascontiguousarray(image).tobytes())
-    if arm is Arm.DEPTH and subject.real.left is not None and subject.real.right is not None:
+    if columns.arm is Arm.DEPTH and subject.real.left is not None:
+        assert subject.real.right is not None
         found.update(np.ascontiguousarray(subject.real.left).tobytes())
         found.update(np.ascontiguousarray(subject.real.right).tobytes())
     return found.hexdigest()[:16]
 
 
-def _save(path: Path, row: NDArray[np.float64]) -> None:
+def _save(path: Path, row: Row) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part.npy")
     np.save(part, row, allow_pickle=False)

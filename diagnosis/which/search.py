@@ -78,15 +78,22 @@ class Search:
 
 
 def coarse(candidate: Candidate) -> list[Value]:
-    """Nodes at which a candidate is tried first: of numbers the middle one to each side."""
+    """Nodes at which a candidate is tried first: of numbers a weak and a strong one to each side.
+
+    A strong one alone would do for effects that grow in proportion; but few do.
+    """
     if not candidate.numeric:
         return list(candidate.nodes)
     base = float(candidate.base)
-    sides = (
-        [node for node in candidate.nodes if float(node) < base],
-        [node for node in candidate.nodes if float(node) > base],
-    )
-    return [side[len(side) // 2] for side in sides if side]
+    below = [node for node in candidate.nodes if float(node) < base][::-1]
+    above = [node for node in candidate.nodes if float(node) > base]
+    found = [side[at] for side in (below, above) for at in _tried(len(side))]
+    return sorted(found, key=float)
+
+
+def _tried(count: int) -> list[int]:
+    """Which of so many nodes, from weak to strong, are tried."""
+    return sorted({count // 3, count - 1 - count // 4}) if count else []
 
 
 def search(

@@ -192,12 +192,12 @@ def test_an_effect_and_its_double_cannot_be_told_apart():
     assert names == {"lens_blur", "dot_blur"}
 
 
-def test_first_tries_are_one_strength_to_each_side():
-    assert search.coarse(candidate("veil")) == [0.5]
+def test_first_tries_are_weak_and_strong_ones_to_each_side():
+    assert search.coarse(candidate("veil")) == [0.5, 1.0]
     sides = Candidate(
         name="roll", effect=effects.named("roll"), arm=Arm.IMAGE, base=0.0, nodes=(-2, -1, 1, 3)
     )
-    assert search.coarse(sides) == [-1, 3]
+    assert search.coarse(sides) == [-2, -1, 1, 3]
     words = Candidate(
         name="hole_filling",
         effect=effects.named("hole_filling"),

@@ -1,0 +1,76 @@
+"""Processes that simulate, each with scenes of its own."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from sim.sensor import Sensor
+
+_MOST = 8
+_held: dict[str, Any] = {}  # Of a process: its subjects by name.
+
+
+class Crew:
+    """As many processes as there are cores, with the scenes dealt among them.
+
+    Rendering uses all cores, but matching and features one each, which takes longer.
+    """
+
+    def __init__(self, captures: Path, sensor: Sensor, scenes: Sequence[str]) -> None:
+        """Start them; each loads its scenes.
+
+        Args:
+            captures: capture set.
+            sensor: the base.
+            scenes: names of those that are simulated.
+        """
+        count = max(1, min(len(os.sched_getaffinity(0)), len(scenes), _MOST))
+        context = multiprocessing.get_context("spawn")
+        self._pools = [
+            ProcessPoolExecutor(
+                1, mp_context=context, initializer=_begin, initargs=(captures, sensor, own)
+            )
+            for own in (tuple(scenes[number::count]) for number in range(count))
+        ]
+        self._of = {name: self._pools[number % count] for number, name in enumerate(scenes)}
+
+    def submit(self, scene: str, work: Any, *arguments: Any) -> Future[Any]:
+        """Have `work(subject, *arguments)` done where a scene is held."""
+        return self._of[scene].submit(_do, scene, work, arguments)
+
+    def __enter__(self) -> Crew:
+        """Begin."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Send them home."""
+        for pool in self._pools:
+            pool.shutdown(cancel_futures=True)
+
+
+def _begin(captures: Path, sensor: Sensor, scenes: tuple[str, ...]) -> None:
+    import cv2
+
+    from diagnosis.subject import subject
+    from sim import backend, capture
+
+    cv2.setNumThreads(1)
+    if backend.is_jit():
+        backend.drjit().set_thread_count(1)
+    opened = capture.open_set(captures)
+    _held.update({one.name: subject(one, sensor) for one in opened.scenes if one.name in scenes})
+
+
+def _do(scene: str, work: Any, arguments: tuple[Any, ...]) -> Any:
+    return work(_held[scene], *arguments)
