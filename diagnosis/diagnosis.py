@@ -18,8 +18,8 @@ from diagnosis.where.where import Where
 from diagnosis.which.arm import Found, diagnosed
 from diagnosis.which.bench import bench
 from diagnosis.which.candidates import Arm, candidates
-from patterns.errors import refuse
-from sim import progress
+from patterns.errors import one_of, refuse
+from sim import effects, progress
 from sim.capture import CaptureSet
 from sim.effects.effect import Value
 from sim.sensor import Sensor
@@ -67,8 +67,11 @@ def diagnose(
         tell: wraps loops that take long.
 
     Raises:
-        InputError: if a scene is damaged, or none has geometry or reference depth.
+        InputError: if a scene is damaged, none has geometry or reference depth, or there is no
+            such family.
     """
+    for family in leave_out:
+        one_of("family", family, sorted({row.family for row in effects.table()}))
     subjects = [subject(scene, sensor) for scene in tell(captures.scenes, "scenes")]
     if not subjects:
         raise refuse("captures", "must hold a scene", 0, "Take captures first.")

@@ -20,7 +20,7 @@ class Closed:
     after: float
     floor: float
     closed_pct: float | None  # Ratio of sums over scenes; None where nothing can be closed.
-    interval: tuple[float, float] | None  # 95 %, bootstrap over scenes.
+    interval: tuple[float, float] | None  # 95 %, bootstrap over scenes; None of one scene.
 
 
 def closed(
@@ -59,8 +59,9 @@ def _closed(before: NDArray, after: NDArray, floor: NDArray, *, seed: int) -> Cl
     if np.quantile(closable, tail) > 0:
         shares = 100 * (before - after)[drawn].sum(axis=1) / closable
         share = float(100 * (before - after).sum() / (before - floor).sum())
-        low, high = np.quantile(shares, (tail, 1 - tail))
-        interval = (float(low), float(high))
+        if len(before) > 1:
+            low, high = np.quantile(shares, (tail, 1 - tail))
+            interval = (float(low), float(high))
     return Closed(
         before=float(before.mean()),
         after=float(after.mean()),

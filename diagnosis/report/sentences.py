@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from diagnosis.diagnosis import Diagnosis
+from diagnosis.howfar.closed import Closed
 from diagnosis.which.arm import Found
 from diagnosis.which.search import Accepted
 from sim.effects.effect import Value
@@ -62,15 +63,19 @@ def _howfar(of: Diagnosis) -> str:
     if of.howfar is None:
         return "How far it closes was not judged."
     said = [
-        f"{name} {one.closed_pct:.0f} % [{one.interval[0]:.0f}, {one.interval[1]:.0f}]"
+        f"{name} {one.closed_pct:.0f} %{_interval(one)}"
         for name, one in of.howfar.figures.items()
-        if one.closed_pct is not None and one.interval is not None
+        if one.closed_pct is not None
     ]
     if not said:
         return f"On {len(of.locked)} scenes that had no say nothing could be closed."
     return (
         f"Of the closable gap on {len(of.locked)} scenes that had no say: " + ", ".join(said) + "."
     )
+
+
+def _interval(one: Closed) -> str:
+    return "" if one.interval is None else f" [{one.interval[0]:.0f}, {one.interval[1]:.0f}]"
 
 
 def number(value: Value) -> str:

@@ -92,6 +92,11 @@ def test_a_gap_that_is_none_is_not_identifiable():
     assert found.closed_pct is None and found.interval is None
 
 
+def test_one_scene_has_no_interval():
+    (found,) = closed([{"a": 2.0}], [{"a": 1.0}], [{"a": 0.0}]).values()
+    assert found.closed_pct == pytest.approx(50) and found.interval is None
+
+
 def test_scenes_without_a_figure_are_left_out():
     nan = float("nan")
     before, after, floor = ([{"a": v}, {"a": nan}, {"a": v}] for v in (2.0, 1.0, 0.0))

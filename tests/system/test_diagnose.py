@@ -1,0 +1,147 @@
+"""A camera with one effect, made by the second implementation, and the verb that has to name it.
+
+**Rationale.** Small images and a handful of effects: what is tested is that the parts work
+together. How often the right effect is named is told by `starling withheld`, not here.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import starling
+from diagnosis import diagnosis, light_sets, subject
+from diagnosis.tell_apart import MENU, tell_apart
+from diagnosis.which.candidates import Arm
+from diagnosis.which.candidates import candidates as all_candidates
+from diagnosis.withheld import case, shoot
+from sim import capture, sensors
+from sim.sensor import Sensor
+from sim.sensor_edits import with_values
+from tests.system.test_withheld import nominal
+
+SCENES = ("clutter:1", "clutter:2", "tabletop:3", "clutter:4")
+TRIED = ("gamma", "vignetting", "veil", "read_noise")
+GAMMA = 1.3
+
+
+def sensor() -> Sensor:
+    """Without a lens's spot, whose shape is another in the second implementation."""
+    return with_values(nominal(), [("imager.lens.blur_px", 0.0)])
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("diagnose")
+    light_sets.write(folder / "light", SCENES, sensor())
+    (folder / "sensor.toml").write_text(sensors.dumps(sensor()))
+    for name, settings in (("null", {}), ("bent", {"gamma": GAMMA})):
+        kind = "single" if settings else "null"
+        one = case.Case(number=0, kind=kind, settings=settings, seed=7)
+        shoot.shoot(folder / "light", one, folder / name, frames=2)
+    return folder
+
+
+@pytest.fixture
+def diagnosed(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., dict[str, Any]]:
+    """Run the verb with few effects in its table, and read what it prints."""
+    monkeypatch.setattr(
+        diagnosis,
+        "candidates",
+        lambda *asked: [one for one in all_candidates(*asked) if one.name in TRIED],
+    )
+
+    def run(captures: Path, *flags: str) -> dict[str, Any]:
+        out = place / f"{captures.name}-report"
+        base = ["--sensor", str(place / "sensor.toml"), "--out", str(out)]
+        cached = ["--cache", str(place / "cache"), "--force", "--json", *flags]
+        assert starling.main(["diagnose", str(captures), *base, *cached]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    return run
+
+
+def test_an_effect_is_named_measured_and_mended(place, diagnosed):
+    told = diagnosed(place / "bent", "--fix")
+    assert told["verdict"] == "effects"
+    (found,) = told["effects"]
+    assert found["name"] == "gamma" and found["set"] == ["gamma"]
+    low, high = found["interval"]
+    assert found["parameters"]["gamma"] == pytest.approx(GAMMA, abs=0.05) and low <= GAMMA <= high
+    assert len(told["locked"]) == 1 and set(told["locked"]) < set(told["scenes"])
+    features = told["howfar"]["features of the image"]
+    assert features["closed_pct"] > 50 and features["after"] < features["before"]
+    assert sum(told["shares"].values()) == pytest.approx(1)
+    assert told["which"]["image"]["alone"][0]["name"] == found["name"]
+    assert told["where"]["parts"]["ndp_rate"]["device"] is None
+    fixed = sensors.load(str(place / "bent-report" / "sensor.toml"))
+    assert fixed.left.gamma == fixed.right.gamma == pytest.approx(found["parameters"]["gamma"])
+    assert json.loads((place / "bent-report" / "report.json").read_text())["says"] == told["says"]
+    assert "consistent with" in told["says"][1]
+
+
+def test_a_family_that_is_left_out_is_not_named(place, diagnosed):
+    told = diagnosed(place / "bent", "--leave-out", "tone_curve")
+    assert told["verdict"] == "none of the known"
+    assert "gamma" not in [one["name"] for one in told["effects"]]
+    assert told["which"]["image"]["unexplained"] and told["which"]["image"]["lead"]
+    assert "None of the known effects" in told["says"][1]
+
+
+def test_of_no_gap_nothing_is_named(place, diagnosed):
+    told = diagnosed(place / "null")
+    assert told["verdict"] == "no gap" and told["effects"] == [] and told["howfar"] == {}
+
+
+def test_one_scene_says_what_it_cannot_tell(place, diagnosed):
+    told = diagnosed(place / "bent" / "clutter-1")
+    assert told["verdict"] == "cannot tell"
+    assert any("One room alone" in limit for limit in told["limits"])
+    assert told["where"]["maps"] == []
+
+
+def test_without_infrared_it_says_so(place, diagnosed, tmp_path):
+    bare = tmp_path / "bare"
+    shutil.copytree(place / "bent", bare)
+    for folder in (path.parent for path in bare.glob("*/*/ir_left.png")):
+        shutil.copyfile(folder.parent / "truth.png", folder / "depth.png")
+        (folder / "ir_left.png").unlink()
+        (folder / "ir_right.png").unlink()
+    told = diagnosed(bare)
+    assert told["verdict"] == "cannot tell"
+    assert any("No infrared" in limit for limit in told["limits"])
+
+
+def test_captures_without_scenes_are_refused(place, tmp_path, capsys):
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    shutil.copyfile(place / "bent" / "capture.toml", empty / "capture.toml")
+    flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
+    assert starling.main(["diagnose", str(empty), *flags]) == 1
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_family_that_is_none_is_refused(place, tmp_path, capsys):
+    flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
+    assert starling.main(["diagnose", str(place / "bent"), *flags, "--leave-out", "tone"]) == 1
+    assert "family" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_a_capture_that_tells_is_found(place):
+    """Noise in electrons against light on the dark level: a lens cap takes the one away."""
+    scene = capture.open_set(place / "null").scenes[0]
+    one = subject.subject(scene, sensor())
+    menu = [proposal for proposal in MENU if proposal.cost == 1 and proposal.frames == 1]
+    told = tell_apart({"vertical_offset": 0.5}, {"veil": 0.05}, one, Arm.IMAGE, menu=menu)
+    assert told[0].enough and told[0].deviations >= told[-1].deviations
+    same = tell_apart({"veil": 0.05}, {"veil": 0.05}, one, Arm.IMAGE, menu=menu[:1])
+    assert same[0].deviations == pytest.approx(0) and not same[0].enough
+    assert tell_apart({"veil": 0.05}, {"exposure": -1.0}, one, Arm.IMAGE, menu=menu[:1]) == []
