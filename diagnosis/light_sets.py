@@ -75,7 +75,8 @@ def write(
                 sensor, scene, {"second_projector": 1.0, "second_projector.x": OTHER_M}
             )
             beside = simulate.rendered(Stage(other_scene), other_sensor)
-            arrays = _arrays(sensor, layers, evenly, beside)
+            up = scene.world_from_left[:3, :3].T @ np.array(scene.ambient.up)
+            arrays = _arrays(sensor, layers, evenly, beside) | {"left_up": up, "right_up": up}
             folder.write_by(f"{place}/{LIGHT}", partial(_save, arrays))
             capture_writer.write_scene(
                 folder,

@@ -28,6 +28,7 @@ class View:
     body: NDArray[np.uint32]  # Number of the object, 0 where there is none.
     px: Image  # Tangent x / z of the seen point in the projector's frame.
     py: Image  # y / z there.
+    up: NDArray[np.float64]  # (3,) unit, against gravity in this imager's frame.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -87,4 +88,15 @@ def _view(held: dict[str, np.ndarray], side: str, shape: tuple[int, int]) -> Vie
         body=image("body").astype(np.uint32),
         px=image("px").astype(np.float64),
         py=image("py").astype(np.float64),
+        up=_unit(held, f"{side}_up"),
     )
+
+
+def _unit(held: dict[str, np.ndarray], key: str) -> NDArray[np.float64]:
+    if key not in held:
+        raise refusal(FILE, f"must hold {key}", sorted(held), "Make the light again.")
+    up = held[key].astype(np.float64)
+    length = float(np.sqrt((up**2).sum()))
+    if up.shape != (3,) or not np.isfinite(length) or length == 0.0:
+        raise refusal(key, "must be three numbers with a length", up, "Give a direction.")
+    return up / length

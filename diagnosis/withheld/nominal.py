@@ -58,12 +58,11 @@ class Nominal:
     # The pages do not say where lens and projector are focused; near defocus's figures ask for 1 m.
     lens_focus_m: float = 1.0
     projector_focus_m: float = 1.0
-    up: tuple[float, float, float] = (0.0, -1.0, 0.0)  # Against gravity, in the left frame.
 
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):
             value = getattr(self, item.name)
-            if item.name == "up" or value is None:
+            if value is None:
                 continue
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise refusal(item.name, "must be a number", repr(value), f"Correct {FILE}.")
@@ -111,10 +110,7 @@ def from_table(table: Mapping[str, Any]) -> Nominal:
     for item in fields:
         if item.default is dataclasses.MISSING and item.name not in table:
             raise refusal(FILE, f"must have the key {item.name}", sorted(table), "Add it.")
-    known = {item.name: table[item.name] for item in fields if item.name in table}
-    if "up" in known:
-        known["up"] = _unit(known["up"])
-    return Nominal(**known)
+    return Nominal(**{item.name: table[item.name] for item in fields if item.name in table})
 
 
 def read(path: Path) -> Nominal:
@@ -130,14 +126,3 @@ def read(path: Path) -> Nominal:
     if not isinstance(table, dict):
         raise refusal(FILE, "must be one object", path, "Write {...}.")
     return from_table(table)
-
-
-def _unit(up: Any) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(value) for value in up)
-    except (TypeError, ValueError) as error:
-        raise refusal("up", "must be three numbers", up, "Give a direction.") from error
-    length = math.sqrt(x * x + y * y + z * z)
-    if not math.isfinite(length) or length == 0.0:
-        raise refusal("up", "must have a length", up, "Give a direction.")
-    return x / length, y / length, z / length

@@ -88,7 +88,7 @@ def facing_up(view: View, nominal: Nominal) -> NDArray[np.float64]:
     nx, ny = across[at] * nominal.fx_px, down[at] * nominal.fy_px
     nz = inverse[at] - nx * x[at] - ny * y[at]
     length = np.sqrt(nx**2 + ny**2 + nz**2)
-    up = nominal.up
+    up = view.up
     towards = -(nx * up[0] + ny * up[1] + nz * up[2]) / length
     return np.where(view.body > 0, towards, 0.0)
 

@@ -46,6 +46,7 @@ def arrays(job: Path, rendered: Path) -> dict[str, NDArray[Any]]:
             f"{side}_body": body,
             f"{side}_px": px,
             f"{side}_py": py,
+            f"{side}_up": np.array(pose)[:3, :3].T @ np.array(table["sky"]["up"]),
         }
     return found
 

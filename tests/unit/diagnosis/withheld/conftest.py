@@ -152,4 +152,5 @@ def _view(camera: Nominal, directions: np.ndarray, at_x_m: float) -> View:
         body=np.where(away, 0, body).astype(np.uint32),
         px=np.where(away, np.nan, px),
         py=np.where(away, np.nan, down),
+        up=np.array([0.0, -1.0, 0.0]),
     )

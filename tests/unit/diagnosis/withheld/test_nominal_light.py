@@ -35,8 +35,6 @@ def test_optional_keys_may_be_missing(light_set: Path) -> None:
     names = ("quantum_efficiency", "pixel_pitch_m", "f_number", "wavelength_nm")
     gone = dict.fromkeys(names, "gone")
     assert nominal.read(_edit(light_set, **gone)).f_number is None
-    up = nominal.read(_edit(light_set, up=[0, -3, -4])).up
-    assert up == pytest.approx((0.0, -0.6, -0.8))
 
 
 @pytest.mark.parametrize(
@@ -47,8 +45,6 @@ def test_optional_keys_may_be_missing(light_set: Path) -> None:
         ({"read_noise_e": -1.0}, "read_noise_e must be finite and >= 0; got -1.0"),
         ({"gain": True}, "gain must be a number; got True"),
         ({"power_w": "a lot"}, "power_w must be a number; got 'a lot'"),
-        ({"up": [0, 0, 0]}, "up must have a length"),
-        ({"up": "high"}, "up must be three numbers; got high"),
     ],
 )
 def test_refused_tables(changes: dict[str, object], words: str, light_set: Path) -> None:
@@ -81,6 +77,8 @@ def test_light_is_read_as_written(light_set: Path, light: Light, camera: Nominal
         ("right_body", np.zeros((3, 3), np.uint32), "right_body must be of shape"),
         ("left_even_e", np.full((64, 96), np.nan, np.float32), "left_even_e must be finite"),
         ("left_laser_e", np.full((64, 96), -1.0, np.float32), "left_laser_e must be finite"),
+        ("right_up", None, "light.npz must hold right_up"),
+        ("left_up", np.zeros(3), "left_up must be three numbers with a length"),
     ],
 )
 def test_refused_light(

@@ -47,8 +47,9 @@ def test_gradient_follows_the_normal(light: Light, camera: Nominal) -> None:
     tilted = _leave(light, camera, ambient_gradient=0.6).rest_e
     expected = even[wall] * (1.0 + 0.4 * 0.4 / np.hypot(0.4, 1.0))
     np.testing.assert_allclose(tilted[wall], expected, rtol=1e-6)
-    towards = dataclasses.replace(camera, up=(0.0, 0.0, -1.0))
-    tilted = _leave(light, towards, ambient_gradient=0.6).rest_e
+    leaning = dataclasses.replace(light.left, up=np.array([0.0, 0.0, -1.0]))
+    towards = dataclasses.replace(light, left=leaning)
+    tilted = _leave(towards, camera, ambient_gradient=0.6).rest_e
     np.testing.assert_allclose(tilted[box], 1.4 * even[box], rtol=1e-6)
 
 
