@@ -117,9 +117,10 @@ def _locked(rooms: Sequence[str]) -> list[bool]:
 def _has(arm: Arm, subjects: Sequence[Subject]) -> bool:
     """Whether captures hold what an arm compares."""
     paired = all(one.real.left is not None for one in subjects)
-    if arm is Arm.IMAGE:
-        return paired
-    return paired and all(one.real.device_px is not None for one in subjects)
+    measured = all(one.real.device_px is not None for one in subjects)
+    return {Arm.IMAGE: paired, Arm.DEPTH: paired and measured, Arm.WHOLE: measured and not paired}[
+        arm
+    ]
 
 
 def _kind(arms: Sequence[Found]) -> Kind:
@@ -140,7 +141,7 @@ def _limits(subjects: Sequence[Subject], kept: Sequence[Subject]) -> list[str]:
     elif not kept:
         found.append(f"Fewer than {LOCKED} rooms: how far the gap closes is not judged.")
     if any(one.real.left is None for one in subjects):
-        found.append("No infrared: image and matcher cannot be told apart.")
+        found.append("No infrared: what images do cannot be told from what matcher and filters do.")
     elif any(one.real.device_px is None for one in subjects):
         found.append("No depth of the device's own: its matcher and filters are not judged.")
     if any(one.frames < 2 for one in subjects):

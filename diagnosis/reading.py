@@ -50,6 +50,13 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
     )
 
 
+def written(disparity_px: Maps, sensor: Sensor) -> Maps:
+    """Disparity (n, h, w) as a device gives it: by way of depth in whole units."""
+    scale, unit = sensor.fx_px * sensor.baseline_m, sensor.post.depth_unit_m
+    code = np.rint(scale / disparity_px / unit)
+    return np.where(code >= 1, scale / (np.maximum(code, 1) * unit), np.nan).astype(np.float32)
+
+
 def matched(left: Images, right: Images, sensor: Sensor) -> Maps:
     """Match infrared pairs (n, h, w) as they are captured, without finer bits.
 

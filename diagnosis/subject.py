@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from diagnosis import projector_frame
 from diagnosis.ground import Ground, ground
-from diagnosis.reading import Reading, matched, read
+from diagnosis.reading import Reading, matched, read, written
 from patterns.errors import refuse
 from sim import simulate
 from sim.capture import CapturedScene
@@ -73,8 +73,16 @@ class Subject:
             left=self.real.left,
             right=self.real.right,
             ours_px=self.real.ours_px,
-            device_px=maps,
+            device_px=written(maps, sensor),
         )
+
+    def measure(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
+        """Simulate what a device without infrared gives."""
+        drawn = self.simulate(settings, seed=seed)
+        assert drawn.ours_px is not None
+        sensor = setting.on_sensor(self.sensor, settings)
+        maps = written(drawn.ours_px, sensor)
+        return Reading(left=None, right=None, ours_px=None, device_px=maps)
 
 
 def subject(captured: CapturedScene, sensor: Sensor) -> Subject:

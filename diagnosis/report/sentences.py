@@ -8,7 +8,11 @@ from diagnosis.which.arm import Found
 from diagnosis.which.search import Accepted
 from sim.effects.effect import Value
 
-_STAGES = {"image": "the infrared images", "depth": "the device's matcher and filters"}
+_STAGES = {
+    "image": "the infrared images",
+    "depth": "the device's matcher and filters",
+    "whole": "depth",
+}
 
 
 def answer(of: Diagnosis) -> list[str]:

@@ -125,8 +125,7 @@ def bench(
     """
     first = subjects[0]
     ceiling = float(2**first.sensor.left.bit_depth - 1)
-    reading = first.rematch({}) if arm is Arm.DEPTH else first.simulate({}, seed=0)
-    names = tuple(sorted(_features(arm, reading, first, ceiling)))
+    names = tuple(sorted(_features(arm, _simulated(first, arm, {}, 0), first, ceiling)))
     return Bench(tuple(subjects), Columns(arm=arm, names=names, ceiling=ceiling), cache, crew)
 
 
@@ -135,11 +134,17 @@ def simulated_row(
 ) -> Row | None:
     """Simulate one scene; None where its sensor cannot have these values."""
     try:
-        if columns.arm is Arm.DEPTH:
-            return _row(of.rematch(settings), of, columns)
-        return _row(of.simulate(settings, seed=seed), of, columns)
+        return _row(_simulated(of, columns.arm, settings, seed), of, columns)
     except InputError:
         return None
+
+
+def _simulated(of: Subject, arm: Arm, settings: Mapping[str, Value], seed: int) -> Reading:
+    if arm is Arm.DEPTH:
+        return of.rematch(settings)
+    if arm is Arm.IMAGE:
+        return of.simulate(settings, seed=seed)
+    return of.measure(settings, seed=seed)
 
 
 def _row(reading: Reading, subject: Subject, columns: Columns) -> Row:
@@ -148,9 +153,9 @@ def _row(reading: Reading, subject: Subject, columns: Columns) -> Row:
 
 
 def _features(arm: Arm, reading: Reading, subject: Subject, ceiling: float) -> dict[str, float]:
-    if arm is Arm.DEPTH:
-        return features.of_depth(reading, subject.ground)
-    return features.of_image(reading, subject.ground, ceiling=ceiling)
+    if arm is Arm.IMAGE:
+        return features.of_image(reading, subject.ground, ceiling=ceiling)
+    return features.of_depth(reading, subject.ground)
 
 
 def _digest(subject: Subject, columns: Columns) -> str:

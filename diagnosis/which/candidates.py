@@ -23,10 +23,11 @@ _SIDES = ("x", "y", "z")
 
 
 class Arm(Enum):
-    """Half of the stage swap that an effect shows in."""
+    """Half of the stage swap that an effect shows in, or its whole where there is no half."""
 
     IMAGE = "image"  # Simulated against real infrared, both matched by our matcher.
     DEPTH = "depth"  # Our matcher's depth of the real infrared against the device's own.
+    WHOLE = "whole"  # Simulated depth against the device's own, where no infrared was captured.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -53,12 +54,14 @@ def candidates(sensor: Sensor, scene: Scene, arm: Arm) -> list[Candidate]:
     Args:
         sensor: the base.
         scene: likewise.
-        arm: matcher and post-processing act on depth, all else on the image.
+        arm: matcher and post-processing act on depth, all else on the image, all on the whole.
     """
     late = (Stage.MATCHER, Stage.POST)
     found = []
     for effect in effects.table():
-        if (effect.stage in late) != (arm is Arm.DEPTH) or effect.name in _LEFT_OUT:
+        if effect.name in _LEFT_OUT:
+            continue
+        if arm is not Arm.WHOLE and (effect.stage in late) != (arm is Arm.DEPTH):
             continue
         for number, parameter in enumerate(effect.parameters):
             component = parameter.paths[0].rpartition(".")[2] in _SIDES

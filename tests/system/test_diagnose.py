@@ -12,10 +12,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 import starling
-from diagnosis import diagnosis, light_sets, subject
+from diagnosis import diagnosis, light_sets, reading, subject
 from diagnosis.tell_apart import MENU, tell_apart
 from diagnosis.which.candidates import Arm
 from diagnosis.which.candidates import candidates as all_candidates
@@ -107,15 +109,29 @@ def test_one_scene_says_what_it_cannot_tell(place, diagnosed):
     assert told["where"]["maps"] == []
 
 
-def test_without_infrared_it_says_so(place, diagnosed, tmp_path):
+def matched_all(scene: capture.CapturedScene) -> reading.Maps:
+    """Disparity of every repeat by our matcher (n, h, w)."""
+    frames = [scene.frame(number) for number in scene.frames]
+    left, right = (
+        np.stack([getattr(frame, name) for frame in frames]) for name in ("ir_left", "ir_right")
+    )
+    return reading.matched(left, right, sensor())
+
+
+def test_without_infrared_depth_alone_is_asked(place, diagnosed, tmp_path):
     bare = tmp_path / "bare"
-    shutil.copytree(place / "bent", bare)
-    for folder in (path.parent for path in bare.glob("*/*/ir_left.png")):
-        shutil.copyfile(folder.parent / "truth.png", folder / "depth.png")
-        (folder / "ir_left.png").unlink()
-        (folder / "ir_right.png").unlink()
+    shutil.copytree(place / "null", bare)
+    captures = capture.open_set(bare)
+    for scene in captures.scenes:
+        for number, disparity_px in enumerate(matched_all(scene)):
+            depth_m = captures.info.fx_px * captures.info.baseline_m / disparity_px
+            code = np.nan_to_num(np.rint(depth_m / captures.info.depth_unit_m)).astype(np.uint16)
+            folder = scene.path / str(number)
+            cv2.imwrite(str(folder / "depth.png"), code)
+            (folder / "ir_left.png").unlink()
+            (folder / "ir_right.png").unlink()
     told = diagnosed(bare)
-    assert told["verdict"] == "cannot tell"
+    assert told["verdict"] == "no gap" and list(told["which"]) == ["whole"]
     assert any("No infrared" in limit for limit in told["limits"])
 
 

@@ -12,7 +12,7 @@ from sim.scenes import builtin
 
 SENSOR = sensors.load("d435")
 SCENE = builtin.clutter(1)
-ALL = [one for arm in Arm for one in candidates(SENSOR, SCENE, arm)]
+ALL = [one for arm in (Arm.IMAGE, Arm.DEPTH) for one in candidates(SENSOR, SCENE, arm)]
 
 
 def test_every_arm_has_the_effects_of_its_stages():
@@ -22,6 +22,11 @@ def test_every_arm_has_the_effects_of_its_stages():
     rows = {one.effect.name for one in ALL}
     missing = {row.name for row in effects.table()} - rows
     assert missing == {"rolling_shutter", "temporal_filter", "decimation", "registration"}
+
+
+def test_without_infrared_every_effect_may_show_in_depth():
+    whole = {one.name for one in candidates(SENSOR, SCENE, Arm.WHOLE)}
+    assert whole == {one.name for one in ALL}
 
 
 def test_components_of_a_vector_are_candidates_of_their_own():

@@ -8,9 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from diagnosis import reading
 from diagnosis.features import disparity, levels, repeats, residual, shifts, surface, texture
 from diagnosis.ground import Ground, ground
 from patterns.errors import InputError
+from sim import sensors
 from sim.capture_info import CaptureInfo
 
 WIDTH, HEIGHT = 240, 160
@@ -148,3 +150,15 @@ def test_repeats_tell_noise_in_time_and_what_is_carried_on():
     carried = np.cumsum(maps - DISPARITY, axis=0) + DISPARITY
     assert repeats.depth(carried, GROUND)["time.carried on"] > -0.1
     assert "time.carried on" not in repeats.depth(maps[:2], GROUND)
+
+
+def test_depth_in_whole_units_keeps_holes_and_moves_little():
+    """At 10 px of disparity and f b of 10 px m a millimetre is a hundredth of a pixel."""
+    sensor = sensors.load("d435")
+    scale = sensor.fx_px * sensor.baseline_m
+    maps = np.array([[[np.nan, 10.0, scale / 1.0004, 1e6]]], np.float32)
+    found = reading.written(maps, sensor)
+    assert np.isnan(found[0, 0, 0]) and np.isnan(found[0, 0, 3])  # Nearer than any unit.
+    assert found[0, 0, 2] == pytest.approx(scale / 1.0)
+    step = 10.0**2 * sensor.post.depth_unit_m / scale
+    assert abs(found[0, 0, 1] - 10.0) <= 0.51 * step
