@@ -6,7 +6,8 @@
 
 **Expected behaviour.** Depth, bodies and the projector's frame agree but at silhouettes. Radiance
 of matt and metal surfaces under the projectors, and of matt ones under the sky, is the same
-physics twice: levels within 1 and 3 %. Coated ones return their reflectance in both, within 5 %. Dots lie at the same places.
+physics twice: levels within 1 and 3 %. Coated ones return their reflectance in both, within 5 %.
+Dots lie at the same places.
 
 **What it does not compare.** Metal under the sky: Cycles mirrors it, ours takes the surface for
 matt.
