@@ -9,12 +9,14 @@ from typing import Any
 
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.report import figures as numbers
+from diagnosis.report.page import page
 from sim import backend, capture, progress, record, sensors
 from sim.effects import setting
 from sim.output import RECORD, OutputFolder, refuse_own_input
 from sim.sensor import Sensor
 
 FIXED = "sensor.toml"
+PAGE = "report.html"
 
 
 def diagnose_captures(
@@ -34,7 +36,7 @@ def diagnose_captures(
     Args:
         captures: capture set or one scene in it.
         sensor: the base, with the captures' geometry.
-        out: folder for report.json and how it was made.
+        out: folder for report.html, report.json and how they were made.
         cache: folder that keeps what is simulated, for other runs.
         leave_out: families of effects that are not tried.
         fix: write the sensor with the accepted effects in.
@@ -55,6 +57,7 @@ def diagnose_captures(
         found = diagnose(opened, sensor, cache=cache, leave_out=leave_out, tell=tell)
         figures = numbers.figures(found)
         folder.write("report.json", record.dumps(figures))
+        folder.write(PAGE, page(found))
         if fix:
             folder.write(FIXED, sensors.dumps(fixed(found, sensor)))
         folder.write(
@@ -74,9 +77,19 @@ def diagnose_captures(
                 }
             ),
         )
-    return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}
+    return {
+        **figures,
+        "out": str(out),
+        "report": str(out / PAGE),
+        "seconds": round(time.perf_counter() - begun, 3),
+    }
 
 
 def fixed(found: Diagnosis, sensor: Sensor) -> Sensor:
     """The sensor with the accepted effects in; what the scene has stays out."""
     return setting.on_sensor(sensor, found.settings)
+
+
+def as_text(told: Mapping[str, Any]) -> str:
+    """Say what `diagnose_captures` returned: the answer, and where the report is."""
+    return "\n".join([*told["says"], f"Report: {told['report']}"])

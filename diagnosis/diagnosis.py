@@ -11,6 +11,7 @@ import numpy as np
 
 from diagnosis.crew import Crew
 from diagnosis.howfar.judged import Judged, judged
+from diagnosis.report.shown import Shown, shown
 from diagnosis.subject import Subject, subject
 from diagnosis.tell_apart import Told, tell_apart
 from diagnosis.where import where
@@ -42,6 +43,7 @@ class Diagnosis:
     arms: tuple[Found, ...]
     tell_apart: tuple[Told, ...]  # The best capture for each pair of rivals.
     howfar: Judged | None  # None where no scene is locked or nothing is named.
+    shown: Shown  # A scene that pictures are made of, a locked one where there is any.
 
     @property
     def settings(self) -> dict[str, Value]:
@@ -103,6 +105,7 @@ def diagnose(
         arms=tuple(arms),
         tell_apart=tuple(_told(arms, asked, tell)),
         howfar=howfar,
+        shown=shown((kept or subjects)[0], settings),
     )
 
 

@@ -52,7 +52,7 @@ def diagnose(
             asked={"sensor": sensor, "set": edits},
             tell=tell,
         )
-    shell.say(result, json=common.json, as_text=lambda told: "\n".join(told["says"]))
+    shell.say(result, json=common.json, as_text=diagnosing.as_text)
 
 
 VERBS = (diagnose,)

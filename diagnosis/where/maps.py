@@ -18,7 +18,7 @@ from diagnosis.reading import Reading
 CAMERA, PROJECTOR = "camera", "projector"
 ROWS, COLUMNS = 18, 32  # Cells of a map.
 _FEWEST = 50  # Pixels of a scene in a cell.
-_FIELD = 1.0  # Tangent of the half field that a projector's map shows to each side.
+FIELD = 1.0  # Tangent of the half field that a projector's map shows to each side.
 _FAR_OFF_PX = 2.0
 
 
@@ -120,7 +120,7 @@ def _cells(ground: Ground, frame: str) -> NDArray[np.int64]:
         row = np.arange(height) * ROWS // height
         column = np.arange(width) * COLUMNS // width
         return row[:, None] * COLUMNS + column[None]
-    across, down = (ground.projector[..., axis] / _FIELD for axis in (0, 1))
+    across, down = (ground.projector[..., axis] / FIELD for axis in (0, 1))
     inside = (np.abs(across) < 1) & (np.abs(down) < 1)
     column = np.floor((np.where(inside, across, 0) + 1) / 2 * COLUMNS).astype(np.int64)
     row = np.floor((np.where(inside, down, 0) + 1) / 2 * ROWS).astype(np.int64)

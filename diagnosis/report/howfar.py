@@ -1,0 +1,78 @@
+"""How far the gap closes, as a part of a page."""
+
+from __future__ import annotations
+
+from html import escape
+
+from calibration.report.elements import counted, number
+from diagnosis.diagnosis import Diagnosis
+from diagnosis.howfar.closed import Closed
+from diagnosis.report.elements import Bar, chart, interval, prose
+
+_TITLES = {
+    "ndp_brier": "Holes: Brier score",
+    "ndp_1_auc": "Holes: 1 less area under the curve",
+    "ndp_ece": "Holes: calibration error",
+    "ndp_1_iou": "Holes: 1 less overlap",
+    "bias_px": "Bias of disparity [px]",
+    "log_nmad": "Spread of disparity: logarithm of its ratio",
+    "error_distribution_px": "Distribution of disparity errors [px]",
+    "dot_contrast": "Contrast of the dots",
+    "infrared_nll": "Infrared: negative log likelihood of a pixel",
+    "log_noise_in_time": "Noise in time: logarithm of its ratio",
+}
+
+
+def section(of: Diagnosis) -> str:
+    """Write the answer to the third question as HTML."""
+    if of.howfar is None:
+        why = (
+            "no scene is locked" if not of.locked else "no effect is named whose share could be had"
+        )
+        return prose(f"How far the gap closes was not judged: {why}.")
+    said = (
+        f"Measured on {counted(len(of.locked), 'scene')} that had no say in what is named. Each "
+        "figure is a distance between simulated and real, 0 is best. Floor: the distance of two "
+        "simulated captures that differ by noise alone. Closed: before less after, over before "
+        "less floor; above 100 % the simulation is nearer than noise alone would have it, below "
+        "0 % it is farther than before."
+    )
+    return (
+        prose(said)
+        + "".join(_figure(name, one) for name, one in of.howfar.figures.items())
+        + _shares(of.howfar.shares)
+    )
+
+
+def _figure(name: str, one: Closed) -> str:
+    bars = [
+        Bar(name="before", value=one.before, told=number(one.before)),
+        Bar(name="after", value=one.after, told=number(one.after), kind="second"),
+        Bar(name="floor", value=one.floor, told=number(one.floor), kind="part"),
+    ]
+    title = f"{escape(_TITLES.get(name, name.capitalize()))} <code>{escape(name)}</code>"
+    return f"<h4>{title}</h4><p>{escape(_closed(one))}</p>{chart(bars)}"
+
+
+def _closed(one: Closed) -> str:
+    if one.closed_pct is None or one.interval is None:
+        return "Not identifiable: before and floor do not differ for sure."
+    said = f"Closed by {number(one.closed_pct, '.0f')} %"
+    low, high = one.interval
+    if low == high:
+        return f"{said}; one scene gives no interval."
+    return f"{said}, 95 % interval {interval(low, high, '.0f')} %."
+
+
+def _shares(shares: dict[str, float]) -> str:
+    if not shares:
+        return ""
+    bars = [
+        Bar(name=name, value=100 * share, told=f"{number(100 * share, '.0f')} %", kind="third")
+        for name, share in shares.items()
+    ]
+    return (
+        "<h3>Share of each effect</h3>"
+        + prose("Of what the accepted effects of a half close together in its features (Shapley).")
+        + chart(bars)
+    )

@@ -1,0 +1,101 @@
+"""A diagnosis as one page that needs nothing beside it: `report.html`."""
+
+from __future__ import annotations
+
+from html import escape
+
+from calibration.report.elements import counted, listed, number, sentences, table
+from calibration.report.style import STYLE as COMMON
+from diagnosis.diagnosis import LOCKED, Diagnosis
+from diagnosis.report import howfar, where, which
+from diagnosis.report import sentences as said
+from diagnosis.report.elements import STAGES, prose
+from diagnosis.report.style import STYLE
+from diagnosis.which import null
+from diagnosis.which.arm import OF_BEFORE, UNEXPLAINED
+
+_VERDICTS = {
+    "effects": "Consistent with known effects",
+    "no gap": "No gap found",
+    "none of the known": "Not explained by the known effects",
+    "cannot tell": "These captures cannot tell",
+}
+_QUESTIONS = ("Where", "Which", "How far")
+
+
+def page(of: Diagnosis) -> str:
+    """Write a diagnosis as an HTML page: inline style, pictures inside, no scripts."""
+    bodies = {
+        "where": ("Where the gap lies", where.section(of)),
+        "which": ("Which effects it is consistent with", which.section(of)),
+        "howfar": ("How far it closes", howfar.section(of)),
+        "made": ("How this was made", _made(of)),
+    }
+    links = "".join(f'<a href="#{key}">{title}</a>' for key, (title, _) in bodies.items())
+    sections = "".join(
+        f'<section id="{key}"><h2>{title}</h2>{body}</section>'
+        for key, (title, body) in bodies.items()
+    )
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>Diagnosis: {escape(_VERDICTS[of.kind])}</title><style>{COMMON}{STYLE}</style>"
+        f'</head><body><main><header><p class="verdict">Diagnosis</p><h1>'
+        f"{escape(_VERDICTS[of.kind])}</h1>{_answer(of)}<nav>{links}</nav></header>{sections}"
+        "</main></body></html>\n"
+    )
+
+
+def _answer(of: Diagnosis) -> str:
+    items = "".join(
+        f"<li><b>{question}</b>{escape(sentence)}</li>"
+        for question, sentence in zip(_QUESTIONS, said.answer(of), strict=True)
+    )
+    locked = (
+        f"{listed(of.locked)} had no say in what is named and tell only how far."
+        if of.locked
+        else "None is locked away to judge by."
+    )
+    limits = f"<h3>What these captures cannot tell</h3>{sentences(of.limits, '')}"
+    return (
+        f'<ul class="answer">{items}</ul><p>Diagnosed: {counted(len(of.scenes), "scene")}, '
+        f"{listed(of.scenes)}. {locked}</p>{limits if of.limits else ''}"
+    )
+
+
+def _made(of: Diagnosis) -> str:
+    rows = [
+        [
+            escape(STAGES[arm.bench.arm.value].capitalize()),
+            str(len(arm.bench.names)),
+            number(float(arm.weight.sum()), ".1f"),
+            number(arm.search.threshold, ".1f"),
+            number(arm.search.before, ".3g"),
+            number(arm.search.after, ".3g"),
+            number(UNEXPLAINED + OF_BEFORE * arm.search.before, ".3g"),
+        ]
+        for arm in of.arms
+    ]
+    head = ["Half", "Features", "Votes", "Threshold", "Gap before", "Gap after", "Explained below"]
+    return (
+        prose(
+            "Every scene is simulated with the sensor at hand and told by features: numbers of "
+            "levels, texture, shifts, holes and disparity errors in parts of the image. Features "
+            "that effects move alike share one vote. An effect is fitted to the gap of some rooms "
+            "and judged by its gain in log likelihood on the others."
+        )
+        + prose(
+            f"An effect is accepted if it gains at least the threshold: what the best of all "
+            f"effects gains by chance once in twenty times, and no less than "
+            f"{number(null.LEAST_GAIN, '.0f')}. Another effect is not separable from it if the "
+            "threshold does not part their gains. A gap counts as explained if its size after is "
+            f"below {number(UNEXPLAINED, '.2f')} plus {number(100 * OF_BEFORE, '.0f')} % of its "
+            f"size before. One room in {LOCKED} is locked away by lot and only judges how far."
+        )
+        + (table(head, rows) if rows else "")
+        + prose(
+            "That a gap is consistent with an effect does not prove that the effect made it: what "
+            "no effect of the table describes is not tried. Every number of this page, and all "
+            "that are left out here, are in report.json beside it."
+        )
+    )

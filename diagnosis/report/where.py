@@ -1,0 +1,210 @@
+"""Where the gap lies, as a part of a page: parts of the chain, places, rules, bins."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+
+from calibration.report.elements import bar, number, table
+from diagnosis.diagnosis import Diagnosis
+from diagnosis.report import pictures, scene
+from diagnosis.report.elements import Bar, chart, interval, percent, picture, points, prose
+from diagnosis.where.maps import CAMERA, FIELD, Map
+from diagnosis.where.rules import Rule
+from diagnosis.where.swap import Part
+from diagnosis.where.table import Row
+
+ROWS = 15  # Of the bins, those of the smallest chance.
+_CLEAR_T = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Figure:
+    title: str
+    unit: str
+    scale: float
+    digits: str
+
+
+_FIGURES = {
+    "ndp_rate": _Figure("Pixels without depth", "%", 100, ".2f"),
+    "bias_px": _Figure("Bias of disparity", "px", 1, ".3f"),
+    "nmad_px": _Figure("Spread of disparity (NMAD)", "px", 1, ".3f"),
+    "bad1_pct": _Figure("Pixels off by more than 1 px", "%", 1, ".2f"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Quantity:
+    title: str
+    red: str
+    unit: str
+    scale: float
+    least: float  # Limit of the colours, in the map's own unit, that is never gone below.
+
+
+_QUANTITIES = {
+    "infrared": _Quantity(
+        "Infrared level, logarithm of real over simulated", "the real is brighter", "", 1, 0.02
+    ),
+    "error": _Quantity(
+        "Disparity, real less simulated", "the real has more disparity", "px", 1, 0.01
+    ),
+    "holes": _Quantity(
+        "Pixels without depth, real less simulated", "the real has more", "points", 100, 0.005
+    ),
+}
+
+
+def section(of: Diagnosis) -> str:
+    """Write the answer to the first question as HTML."""
+    return (
+        "<h3>Which half of the chain</h3>"
+        + prose(
+            "Means over scenes. A: simulated images, our matcher. B: real images, our matcher. "
+            "C: the device's own depth. B less A is the part of the images, C less B that of "
+            "matcher and filters; whiskers are 95 % intervals over scenes."
+        )
+        + "".join(_part(name, part) for name, part in of.where.parts.items())
+        + "<h3>Which places</h3>"
+        + _maps(of)
+        + f"<h3>One scene: {escape(of.shown.scene)}</h3>"
+        + scene.section(of.shown, locked=of.shown.scene in of.locked)
+        + "<h3>Which rules</h3>"
+        + _rules(of.where.rules)
+        + f"<h3>Which bins: the {min(ROWS, len(of.where.rows))} of the smallest chance</h3>"
+        + _rows(of.where.rows[:ROWS])
+    )
+
+
+def _part(name: str, part: Part) -> str:
+    figure = _FIGURES.get(name, _Figure(name, "", 1, ".3g"))
+
+    def told(value: float | None, sign: str = "") -> str:
+        if value is None:
+            return "not captured"
+        return f"{number(figure.scale * value, sign + figure.digits)} {figure.unit}".strip()
+
+    def scaled(value: float | None) -> float:
+        return math.nan if value is None else figure.scale * value
+
+    bars = [
+        Bar(name="A simulated", value=scaled(part.simulated), told=told(part.simulated)),
+        Bar(
+            name="B real images, our matcher",
+            value=scaled(part.rematched),
+            told=told(part.rematched),
+            kind="second",
+        ),
+        Bar(name="C device", value=scaled(part.device), told=told(part.device), kind="third"),
+    ]
+    for words, found in (
+        ("B less A: images", part.image),
+        ("C less B: matcher and filters", part.matcher),
+    ):
+        if found is None:
+            continue
+        mean, low, high = (figure.scale * end for end in found)
+        bars.append(
+            Bar(
+                name=words,
+                value=mean,
+                low=low,
+                high=high,
+                told=f"{told(found[0], '+')} {interval(low, high, '+' + figure.digits)}",
+                kind="part",
+            )
+        )
+    return f"<h4>{escape(figure.title)}</h4>{chart(bars)}"
+
+
+def _maps(of: Diagnosis) -> str:
+    if not of.where.maps:
+        return prose("One scene alone: a map of what scenes have in common needs two.")
+    info = of.shown.ground.info
+    parts = [
+        prose(
+            "Means over scenes. What imager and lens do stays at its place in the camera's image, "
+            "what the projector does at its place in the projector's field. Grey: fewer than two "
+            "scenes reach. One scale of colours for both frames."
+        )
+    ]
+    for quantity, words in _QUANTITIES.items():
+        some = [one for one in of.where.maps if one.quantity == quantity]
+        if not some:
+            continue
+        limit = pictures.limit(some, least=words.least)
+        drawn = "".join(_map(one, words, limit, info.height / info.width) for one in some)
+        ends = [f"{number(end * words.scale, '+.3g')} {words.unit}" for end in (-limit, limit)]
+        parts.append(
+            f'<h4>{escape(words.title)}</h4><div class="pairs">{drawn}</div>'
+            f'<div class="scale">{bar(pictures.scale(), *map(escape, ends))}'
+            f"red: {escape(words.red)}</div>"
+        )
+    return "".join(parts)
+
+
+def _map(one: Map, words: _Quantity, limit: float, aspect: float) -> str:
+    known = np.isfinite(one.mean)
+    if one.frame == CAMERA:
+        frame = "Camera frame: left image"
+    else:
+        frame = f"Projector frame: tangents {number(-FIELD)} to {number(FIELD)}, square"
+        aspect = 1.0
+    told = "no cell is known"
+    if known.any():
+        strongest = float(one.mean[known][np.argmax(np.abs(one.mean[known]))])
+        clear = int(np.count_nonzero(np.abs(one.t[known]) > _CLEAR_T))
+        told = (
+            f"strongest {number(words.scale * strongest, '+.3g')} {words.unit}".rstrip()
+            + f"; |t| > {_CLEAR_T:.0f} in {clear} of {int(known.sum())} cells"
+        )
+    return picture(
+        pictures.heat(one, limit, aspect=aspect),
+        alt=f"Map, {one.frame} frame. {words.title}: {told}.",
+        caption=f"{frame}; {told}",
+        sharp=True,
+    )
+
+
+def _rules(rules: tuple[Rule, ...]) -> str:
+    if not rules:
+        return prose("No rule about holes was found that other scenes confirm.")
+    said = []
+    for rule in rules:
+        word = "more" if rule.gap >= 0 else "fewer"
+        text = (
+            f"Where {rule.text}, real captures have {number(100 * abs(rule.gap), '.1f')} points "
+            f"{word} pixels without depth than simulated; this is {percent(rule.area)} of the "
+            "pixels"
+        )
+        if math.isfinite(rule.share):
+            text += f" and {number(100 * rule.share, '.0f')} % of the whole gap"
+        said.append(f"<li>{escape(text)}.</li>")
+    return f"<ul>{''.join(said)}</ul>"
+
+
+def _rows(rows: tuple[Row, ...]) -> str:
+    if not rows:
+        return prose("No bin holds enough pixels.")
+    cells = [
+        [
+            escape(row.covariate),
+            escape(row.bin),
+            points(row.gap),
+            interval(100 * row.low, 100 * row.high, "+.1f"),
+            percent(row.area),
+            f"{number(100 * row.share, '.0f')} %",
+            number(row.p, ".3g"),
+        ]
+        for row in rows
+    ]
+    head = ["By", "Bin", "Gap in holes", "95 %", "Of the pixels", "Of the gap", "Chance"]
+    return table(head, cells, words=2) + prose(
+        "Gap: real pixels without depth less simulated. Chance: of as large a gap in any bin, "
+        "were the signs of scenes arbitrary.",
+        quiet=True,
+    )

@@ -1,0 +1,129 @@
+"""Which effect the gap is consistent with, as a part of a page."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+
+from calibration.report.elements import counted, number, table
+from diagnosis.diagnosis import Diagnosis
+from diagnosis.report import sentences
+from diagnosis.report.elements import STAGES, Bar, chart, prose
+from diagnosis.tell_apart import Told
+from diagnosis.which.arm import Found
+from diagnosis.which.search import Accepted
+from sim.effects import setting
+
+ALONE = 15  # Effects whose gain alone is drawn.
+
+
+def section(of: Diagnosis) -> str:
+    """Write the answer to the second question as HTML."""
+    if not of.arms:
+        return prose("No effect was tried: these captures cannot tell.")
+    return "".join(_arm(arm) for arm in of.arms) + _tell_apart(of)
+
+
+def _arm(arm: Found) -> str:
+    stage = STAGES[arm.bench.arm.value]
+    found = arm.search
+    said = (
+        f"Size of the gap before {number(found.before, '.3g')}, with the accepted effects "
+        f"{number(found.after, '.3g')}; 1 is what chance leaves."
+    )
+    return (
+        f"<h3>In {escape(stage)}</h3>"
+        + prose(said)
+        + _accepted(found.accepted)
+        + _lead(arm)
+        + f"<h4>Held-out gain of single effects, each alone</h4>{_alone(arm)}"
+    )
+
+
+def _accepted(accepted: tuple[Accepted, ...]) -> str:
+    if not accepted:
+        return prose("No effect is accepted here.")
+    rows = []
+    for one in accepted:
+        low, high = (sentences.number(end) for end in one.interval)
+        effect, parameter = setting.parameter_of(one.fit.name)
+        rows.append(
+            [
+                f"<code>{escape(one.fit.name)}</code>",
+                escape(sentences.number(one.fit.value)),
+                escape(f"[{low}, {high}]"),
+                escape("" if parameter.unit == "1" else parameter.unit),
+                escape(sentences.number(one.fit.signature.candidate.base)),
+                number(one.fit.total, ".1f"),
+                escape(effect.imitates),
+            ]
+        )
+    head = ["Consistent with", "Value", "90 %", "Unit", "Base", "Held-out gain", "What it imitates"]
+    sets = "".join(f"<li>{_set(one)}</li>" for one in accepted)
+    return f'<div class="effects">{table(head, rows)}</div><ul>{sets}</ul>'
+
+
+def _set(one: Accepted) -> str:
+    name = f"<b>{escape(one.fit.name)}</b>"
+    if not one.rivals:
+        return f"{name} is separable from all other effects that were tried."
+    rivals = ", ".join(
+        f"{rival.name} {sentences.number(rival.value)} (gain {number(rival.total, '.1f')})"
+        for rival in one.rivals
+    )
+    return f"{name} is not separable from {escape(rivals)}."
+
+
+def _lead(arm: Found) -> str:
+    if not arm.unexplained:
+        return ""
+    shows = ", ".join(arm.lead) if arm.lead else "no single group of features"
+    return (
+        f'<ul class="open"><li>None of the known effects explains what is left here. It shows in '
+        f"{escape(shows)}.</li></ul>"
+    )
+
+
+def _alone(arm: Found) -> str:
+    found = arm.search
+    gaining = [one for one in found.alone if one.total > 0][:ALONE]
+    above = sum(one.total >= found.threshold for one in found.alone)
+    said = (
+        f"Gain in log likelihood on scenes that an effect was not fitted to. Of "
+        f"{counted(len(found.alone), 'effect')} tried, {above} gain at least the threshold "
+        f"{number(found.threshold, '.1f')} (dashed line) alone."
+    )
+    if not gaining:
+        return prose(said, "None gains anything.")
+    accepted = {one.fit.name for one in found.accepted}
+    bars = [
+        Bar(
+            name=one.name,
+            value=one.total,
+            told=f"{number(one.total, '.1f')} at {sentences.number(one.value)}",
+            kind="third" if one.name in accepted else "first",
+        )
+        for one in gaining
+    ]
+    note = prose("Accepted effects have a colour of their own.", quiet=True) if accepted else ""
+    return prose(said) + chart(bars, line=found.threshold) + note
+
+
+def _tell_apart(of: Diagnosis) -> str:
+    if not of.tell_apart:
+        return ""
+    said = "".join(f"<li>{escape(_capture(told))}</li>" for told in of.tell_apart)
+    return f"<h3>The capture that would tell</h3><ul>{said}</ul>"
+
+
+def _capture(told: Told) -> str:
+    one, other = told.rivals
+    if not math.isfinite(told.deviations):
+        return f"{one} against {other}: not known."
+    far = f"{number(told.deviations, '.1f')} deviations apart"
+    if told.enough:
+        return f"{one} against {other}: take {told.capture}; they would stand {far}."
+    return (
+        f"{one} against {other}: no capture that was tried tells them apart for sure; the best, "
+        f"{told.capture}, sets them {far}."
+    )
