@@ -29,7 +29,7 @@ def _arm(arm: Found) -> str:
     found = arm.search
     said = (
         f"Size of the gap before {number(found.before, '.3g')}, with the accepted effects "
-        f"{number(found.after, '.3g')}; 1 is what chance leaves."
+        f"{number(found.after, '.3g')}; about 1 or less is chance."
     )
     return (
         f"<h3>In {escape(stage)}</h3>"

@@ -1,0 +1,469 @@
+"""The page of a diagnosis, of small ones made up here: what it says, its numbers, its pictures.
+
+What the figures themselves are worth is in their own tests.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+import re
+from html.parser import HTMLParser
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from diagnosis import diagnose_captures
+from diagnosis.diagnosis import Diagnosis
+from diagnosis.howfar.closed import Closed
+from diagnosis.howfar.judged import Judged
+from diagnosis.reading import Reading
+from diagnosis.report import elements, figures, pictures, sentences
+from diagnosis.report.elements import Bar
+from diagnosis.report.page import page
+from diagnosis.report.shown import Shown, shown
+from diagnosis.tell_apart import Told
+from diagnosis.where import maps, rules, swap, table
+from diagnosis.where.maps import Map
+from diagnosis.where.where import Where
+from diagnosis.which import search
+from diagnosis.which.arm import Found
+from diagnosis.which.bench import Bench, Columns
+from diagnosis.which.candidates import Arm
+from diagnosis.which.signature import Signature
+from patterns.errors import InputError
+from sim import record
+from tests.unit.diagnosis import test_fit as made
+from tests.unit.diagnosis.test_features import DISPARITY, GROUND
+from tests.unit.diagnosis.test_where import pair_of
+
+NAMES = ("attic", "<b>cellar</b> & yard", "hall", "kitchen", "porch", "stairs")
+MINUS = "\N{MINUS SIGN}"
+NAN = float("nan")
+
+
+def real(*, infrared: bool = True, device: bool = True) -> list[Reading]:
+    found = []
+    for number in range(len(NAMES)):
+        one = pair_of(50 + number, 1.2, 0.05)
+        if device:
+            one = dataclasses.replace(one, device_px=pair_of(90 + number, 1.0, 0.11).ours_px)
+        if not infrared:
+            one = dataclasses.replace(one, left=None, right=None, ours_px=None)
+        found.append(one)
+    return found
+
+
+SIMULATED = [pair_of(number, 1.0, 0.02) for number in range(len(NAMES))]
+
+
+def where(captured: list[Reading]) -> Where:
+    grounds = [GROUND] * len(captured)
+    simulated = SIMULATED[: len(captured)]
+    several = len(captured) > 1
+    seen = [one.device_px if one.device_px is not None else one.ours_px for one in captured]
+    before = [~np.isfinite(one.ours_px[0]) for one in simulated if one.ours_px is not None]
+    after = [~np.isfinite(one[0]) for one in seen if one is not None]
+    return Where(
+        parts=swap.swap(simulated, captured, grounds),
+        maps=tuple(maps.maps(simulated, captured, grounds)) if several else (),
+        bodies=(),
+        rows=tuple(table.table(before, after, grounds)),
+        rules=tuple(rules.rules(before, after, grounds)) if several else (),
+    )
+
+
+def found(searched: search.Search, *, arm: Arm = Arm.IMAGE, lead: tuple[str, ...] = ()) -> Found:
+    names = tuple(f"level.x.{number}" for number in range(made.FEATURES))
+    return Found(
+        bench=Bench(subjects=(), columns=Columns(arm=arm, names=names, ceiling=255)),
+        base=made.BASE,
+        weight=0.5 * made.ONES,
+        likelihood=made.likelihood_of({}, 9),
+        search=searched,
+        lead=lead,
+    )
+
+
+def named() -> search.Search:
+    """Lens blur, which cannot be told from dot blur; all effects of the bench alone."""
+    double = Signature(made.candidate("dot_blur"), made.VALUES, made.MADE["lens_blur"].change * 1.3)
+    bench = made.FakeBench({**made.MADE, "dot_blur": double})
+    one = made.searched({"lens_blur": 0.3}, bench=bench, names=(*made.NAMES, "dot_blur"))
+    likelihood = made.likelihood_of({"lens_blur": 0.3}, 9, bench=bench)
+    alone = sorted(
+        (made.fit(signature, likelihood, made.HELD) for signature in bench.made.values()),
+        key=lambda each: -each.total,
+    )
+    return dataclasses.replace(one, alone=tuple(alone))
+
+
+NAMED, NOTHING = named(), made.searched({})
+HOWFAR = Judged(
+    figures={
+        "ndp_brier": Closed(
+            before=0.25, after=0.125, floor=0.0625, closed_pct=66.7, interval=(41.0, 83.0)
+        ),
+        "bias_px": Closed(before=0.1, after=0.3, floor=0.1, closed_pct=None, interval=None),
+        "infrared_nll": Closed(
+            before=-2.5, after=-3.5, floor=-3.0, closed_pct=-200.0, interval=(-200.0, -200.0)
+        ),
+        "log_nmad": Closed(before=NAN, after=NAN, floor=NAN, closed_pct=None, interval=None),
+    },
+    shares={"lens_blur": 0.8125},
+)
+
+
+def diagnosis(captured: list[Reading] | None = None, **others: Any) -> Diagnosis:
+    captured = real() if captured is None else captured
+    names = NAMES[: len(captured)]
+    others = {
+        "kind": "effects",
+        "scenes": names,
+        "locked": names[1:2],
+        "limits": (),
+        "where": where(captured),
+        "arms": (found(NAMED),),
+        "tell_apart": (),
+        "howfar": HOWFAR,
+        "shown": Shown(
+            scene=names[-1] if len(names) < 2 else names[1],
+            real=captured[0],
+            before=SIMULATED[0],
+            after=pair_of(7, 1.1, 0.03),
+            ground=GROUND,
+        ),
+        **others,
+    }
+    return Diagnosis(**others)
+
+
+FULL = diagnosis()
+
+
+class Reader(HTMLParser):
+    """Text by heading, table cells, pictures; refuses tags that are left open."""
+
+    OWN_END = frozenset({"meta", "img"})
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.pictures: list[dict[str, str]] = []
+        self.rows: list[list[str]] = []
+        self.words: list[str] = []
+        self.tags: set[str] = set()
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    @property
+    def text(self) -> str:
+        return re.sub(r"\s+", " ", " ".join(self.words))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        known = {name: value or "" for name, value in attrs}
+        assert not any(name.startswith("on") for name in known)
+        if tag == "img":
+            self.pictures.append(known)
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("th", "td"):
+            self.rows[-1].append("")
+        if tag not in self.OWN_END:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if "style" in self.open:
+            assert "url(" not in data and "@import" not in data
+            return
+        self.words.append(data)
+        if self.rows and self.open[-1:] and {"th", "td"} & set(self.open):
+            self.rows[-1][-1] += data
+
+    def row(self, *first: str) -> list[str]:
+        """The table row that begins so."""
+        (one,) = [row for row in self.rows if tuple(row[: len(first)]) == first]
+        return one
+
+
+def test_the_page_stands_alone():
+    text = page(FULL)
+    read = Reader(text)
+    assert not read.tags & {"script", "link", "iframe", "object"}
+    assert not re.search(r"(?:src|href)=\"(?!data:image/png;base64,|#)", text)
+    assert "http" not in text and len(text) < 4_000_000
+    for one in read.pictures:
+        data = base64.b64decode(one["src"].partition(",")[2], validate=True)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        assert image is not None and image.size
+    told = [one["alt"] for one in read.pictures if one["alt"]]
+    # Of three quantities two frames; of one scene three images, their middles, three errors.
+    assert len(told) == len(set(told)) == 6 + 9
+
+
+def test_the_answer_stands_on_top():
+    text = Reader(page(FULL)).text
+    head = text[: text.index("Which half of the chain")]
+    for sentence in sentences.answer(FULL):
+        assert re.sub(r"\s+", " ", sentence) in head
+    assert "Consistent with known effects" in head
+    assert "6 scenes, attic, <b>cellar</b> & yard, hall" in head
+
+
+def test_what_captures_are_called_is_never_read_as_html():
+    text = page(dataclasses.replace(FULL, limits=("One <i>frame</i> a scene & no more.",)))
+    assert "<b>cellar</b>" not in text and "&lt;b&gt;cellar&lt;/b&gt; &amp; yard" in text
+    assert "<i>frame" not in text and "One &lt;i&gt;frame" in text
+
+
+def test_numbers_of_the_stage_swap_are_the_figures():
+    read = Reader(page(FULL))
+    rate = FULL.where.parts["ndp_rate"]
+    assert rate.device is not None and rate.image is not None
+    assert f"A simulated {100 * rate.simulated:.2f} %" in read.text
+    assert f"C device {100 * rate.device:.2f} %" in read.text
+    mean, low, high = (f"{100 * end:+.2f}" for end in rate.image)
+    assert f"B less A: images {mean} % [{low}, {high}]" in read.text
+
+
+def test_the_bins_of_the_smallest_chance_are_listed():
+    read = Reader(page(FULL))
+    rows = FULL.where.rows
+    assert len(rows) > 15
+    for number, row in enumerate(rows):
+        listed = [one for one in read.rows if one[:2] == [row.covariate, row.bin]]
+        assert len(listed) == (number < 15)
+        if listed:
+            assert listed[0][2] == f"{100 * row.gap:+.1f} points".replace("-", MINUS)
+            assert listed[0][6] == f"{row.p:.3g}"
+
+
+def test_rules_are_sentences():
+    rule = rules.Rule(text="level < 12 DN", gap=-0.051, area=0.034, share=0.41)
+    unknown = dataclasses.replace(rule, text="x > 3 px", gap=0.02, share=NAN)
+    text = Reader(
+        page(
+            dataclasses.replace(FULL, where=dataclasses.replace(FULL.where, rules=(rule, unknown)))
+        )
+    ).text
+    assert (
+        "Where level < 12 DN, real captures have 5.1 points fewer pixels without depth than "
+        "simulated; this is 3.4 % of the pixels and 41 % of the whole gap." in text
+    )
+    assert "2.0 points more pixels without depth than simulated; this is 3.4 % of the pix" in text
+    none = dataclasses.replace(FULL.where, rules=())
+    assert "No rule" in page(dataclasses.replace(FULL, where=none))
+
+
+def test_accepted_effects_stand_with_value_interval_and_set():
+    (one,) = NAMED.accepted
+    assert one.rivals
+    read = Reader(page(FULL))
+    row = read.row(one.fit.name)
+    assert row[1] == sentences.number(one.fit.value)
+    assert row[2] == "[{}, {}]".format(*map(sentences.number, one.interval))
+    assert row[5] == f"{one.fit.total:.1f}"
+    rival = one.rivals[0]
+    assert f"{one.fit.name} is not separable from {rival.name}" in re.sub(" +", " ", read.text)
+    alone = {"lens_blur", "dot_blur"}
+    for each in NAMED.alone:
+        shown = f"{each.name} {each.total:.1f} at {sentences.number(each.value)}" in read.text
+        assert shown == (each.total > 0) and (shown or each.name not in alone)
+
+
+def test_no_cause_is_claimed():
+    for one in (FULL, diagnosis(kind="none of the known", arms=(found(NAMED, lead=("level",)),))):
+        assert not re.search(r"caused? by|because of", Reader(page(one)).text)
+
+
+def test_the_capture_that_would_tell_is_told():
+    near = Told(capture="a lens cap on", rivals=("a", "b"), deviations=1.25)
+    far = Told(capture="8 repeats", rivals=("c", "d"), deviations=12.0)
+    text = Reader(page(diagnosis(tell_apart=(near, far)))).text
+    assert "c against d: take 8 repeats; they would stand 12.0 deviations apart" in text
+    assert "a against b: no capture that was tried tells them apart for sure; the best, a lens" in (
+        text
+    )
+    assert "The capture that would tell" not in page(FULL)
+
+
+def test_how_far_has_its_numbers():
+    text = Reader(page(FULL)).text
+    assert "before 0.25 after 0.125 floor 0.0625" in text
+    assert "Closed by 67 %, 95 % interval [41, 83] %." in text
+    assert f"Closed by {MINUS}200 %; one scene gives no interval." in text
+    assert f"before {MINUS}2.5 after {MINUS}3.5 floor {MINUS}3" in text
+    assert "Not identifiable" in text and "before \N{EN DASH} after" in text
+    assert "lens_blur 81 %" in text
+
+
+def test_no_gap_is_a_verdict():
+    one = diagnosis(kind="no gap", arms=(found(dataclasses.replace(NOTHING, after=0.5)),), howfar=None)
+    text = Reader(page(one)).text
+    assert "No gap found" in text and "No effect is accepted here." in text
+    assert "None gains anything." in text
+    assert "was not judged: no effect is named" in text
+    assert "is not separable" not in text.split("How this was made")[0]
+    assert "what is left here" not in text
+
+
+def test_none_of_the_known_is_a_verdict_and_leads():
+    left = dataclasses.replace(NAMED, after=8.5)
+    leading = found(left, arm=Arm.DEPTH, lead=("pair by x", "level"))
+    text = Reader(page(diagnosis(kind="none of the known", arms=(leading,)))).text
+    assert "Not explained by the known effects" in text
+    assert "In the device's matcher and filters" in text
+    assert (
+        "None of the known effects explains what is left here. It shows in pair by x, level."
+        in (text)
+    )
+    assert "what is left here" not in Reader(page(FULL)).text
+
+
+def test_captures_that_cannot_tell_are_a_verdict():
+    one = diagnosis(
+        real()[:1],
+        kind="cannot tell",
+        arms=(),
+        locked=(),
+        howfar=None,
+        limits=("One room alone: nothing can be held out, so no effect is named.",),
+    )
+    text = Reader(page(one)).text
+    assert "These captures cannot tell" in text and "One room alone: nothing can" in text
+    assert "No effect was tried" in text and "One scene alone" in text
+    assert "was not judged: no scene is locked" in text
+    assert "1 scene, attic." in text and "None is locked away" in text
+
+
+def test_without_infrared_depth_alone_is_shown():
+    one = diagnosis(real(infrared=False), kind="cannot tell", arms=(), howfar=None)
+    read = Reader(page(one))
+    assert "No infrared was captured of it." in read.text
+    assert "B real images, our matcher not captured" in read.text
+    assert "Infrared level" not in read.text and "B less A" not in read.text.split("Which pl")[1]
+    assert not any(one["alt"].startswith("Real: ") for one in read.pictures)
+    assert any(one["alt"].startswith("Real, the device's own: ") for one in read.pictures)
+
+
+def test_without_device_depth_our_matcher_stands_for_it():
+    read = Reader(page(diagnosis(real(device=False))))
+    assert "C device not captured" in read.text and "C less B: matcher" not in read.text
+    assert any(one["alt"].startswith("Real, our matcher: ") for one in read.pictures)
+
+
+def test_without_a_simulation_after_there_is_no_picture_of_it():
+    bare = dataclasses.replace(FULL.shown, after=None)
+    read = Reader(page(diagnosis(shown=bare)))
+    assert "there is no picture after" in read.text
+    assert not any("accepted effects" in one["alt"] for one in read.pictures)
+
+
+def test_what_is_not_known_is_a_dash():
+    unknown = np.full((maps.ROWS, maps.COLUMNS), NAN)
+    blank = tuple(dataclasses.replace(one, mean=unknown, t=unknown) for one in FULL.where.maps)
+    parts = {
+        "bias_px": swap.Part(simulated=NAN, rematched=None, device=None, image=None, matcher=None),
+        "ndp_rate": FULL.where.parts["ndp_rate"],
+    }
+    row = dataclasses.replace(FULL.where.rows[0], share=NAN, low=NAN)
+    one = dataclasses.replace(FULL.where, parts=parts, maps=blank, rows=(row,))
+    read = Reader(page(dataclasses.replace(FULL, where=one)))
+    assert "A simulated \N{EN DASH} px" in read.text
+    assert "no cell is known" in read.text and "nan" not in read.text.lower()
+    assert read.row(row.covariate, row.bin)[3:6:2] == ["\N{EN DASH}", "\N{EN DASH} %"]
+
+
+def test_report_json_holds_what_the_page_shows():
+    told = json.loads(record.dumps(figures.figures(FULL)))
+    assert told["verdict"] == "effects" and told["says"] == sentences.answer(FULL)
+    assert told["howfar"]["log_nmad"]["before"] is None
+
+
+def test_the_printed_text_ends_with_the_report_s_place():
+    told = diagnose_captures.as_text({"says": ["a.", "b."], "report": "out/report.html"})
+    assert told.splitlines() == ["a.", "b.", "Report: out/report.html"]
+
+
+def test_bars_begin_at_zero_and_keep_one_axis():
+    bars = [
+        Bar(name="up", value=3.0, told="3", low=2.0, high=4.0),
+        Bar(name="down", value=-1.0, told="-1", kind="part"),
+        Bar(name="none", value=NAN, told="-"),
+    ]
+    drawn = elements.chart(bars, line=1.0)
+    assert 'class="first" style="left:20.00%;width:60.00%"' in drawn
+    assert 'class="whisker" style="left:60.00%;width:40.00%"' in drawn
+    assert 'class="part" style="left:0.00%;width:20.00%"' in drawn
+    assert drawn.count('class="line" style="left:40.00%') == 3
+    assert drawn.count("<i class=") == 3 + 2 + 1 + 3
+    assert "width:0.00%" in elements.chart([Bar(name="a", value=0.0, told="0")])
+
+
+def decoded(data: bytes) -> np.ndarray:
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    return image[..., ::-1]
+
+
+def test_maps_are_red_above_zero_blue_below_and_grey_where_unknown():
+    mean = np.zeros((maps.ROWS, maps.COLUMNS))
+    mean[0, 0], mean[0, 1], mean[0, 2] = 0.5, -0.5, NAN
+    one = Map(quantity="holes", frame=maps.CAMERA, mean=mean, t=mean)
+    image = decoded(pictures.heat(one, 0.5, aspect=9 / 16))
+    assert image.shape[0] / image.shape[1] == pytest.approx(9 / 16, abs=0.01)
+    side = image.shape[1] // maps.COLUMNS
+    cells = image[side // 2, side // 2 :: side]
+    assert cells[0, 0] > 2 * cells[0, 2] and cells[1, 2] > 2 * cells[1, 0]
+    assert tuple(cells[2]) == pictures.UNKNOWN and cells[3].min() > 240
+    mean[1:3] = 0.25
+    assert pictures.limit([one], least=0.02) == pytest.approx(0.25)
+    assert pictures.limit([dataclasses.replace(one, mean=NAN * mean)], least=0.02) == 0.02
+
+
+def test_errors_show_holes_and_what_is_not_known():
+    disparity = DISPARITY.copy()
+    disparity[40:45, 100:200] = np.nan
+    disparity[120:, 120:] += 1
+    image = decoded(pictures.errors(disparity, GROUND))
+    assert tuple(image[42, 150]) == pictures.HOLE
+    assert tuple(image[10, 0]) == pictures.UNKNOWN
+    assert image[10, 150].min() > 240 and image[150, 200, 0] > 2 * image[150, 200, 2]
+
+
+def test_infrared_is_drawn_on_one_scale():
+    dark, bright = (np.full((100, 900), level, np.uint8) for level in (10, 200))
+    limits = pictures.levels([dark, bright])
+    images = [decoded(pictures.infrared(one, limits)) for one in (dark, bright)]
+    assert images[0].max() == 0 and images[1].min() == 255
+    assert images[0].shape[1] == 640
+    assert decoded(pictures.infrared(dark, limits, zoomed=True)).shape[:2] == (60, 540)
+
+
+class FakeSubject:
+    """Simulates brighter with effects, and never two that exclude each other."""
+
+    name, real, ground = "attic", real()[0], GROUND
+
+    def simulate(self, settings: dict[str, float], *, seed: int) -> Reading:
+        if len(settings) > 1:
+            raise InputError("a and b exclude each other; got both. Leave one out.")
+        return pair_of(seed, 1.0 + len(settings), 0.02)
+
+
+def test_the_scene_shown_is_simulated_before_and_after_with_common_noise():
+    of: Any = FakeSubject()
+    one = shown(of, {"a": 1.0})
+    assert one.scene == "attic" and one.after is not None
+    assert one.before.left is not None and one.after.left is not None
+    assert one.after.left.mean() > 1.5 * one.before.left.mean()
+    np.testing.assert_array_equal(one.before.ours_px, one.after.ours_px)
+    assert shown(of, {}).after is None and shown(of, {"a": 1.0, "b": 2.0}).after is None
