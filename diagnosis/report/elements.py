@@ -85,7 +85,7 @@ def prose(*sentences: str, quiet: bool = False) -> str:
 
 def points(share: float) -> str:
     """A difference of shares."""
-    return f"{number(100 * share, '+.1f')} points"
+    return f"{number(100 * share, '+.2f')} points"
 
 
 def percent(share: float) -> str:

@@ -32,7 +32,7 @@ def section(of: Diagnosis) -> str:
         return prose(f"How far the gap closes was not judged: {why}.")
     said = (
         f"Measured on {counted(len(of.locked), 'scene')} that had no say in what is named. Each "
-        "figure is a distance between simulated and real, 0 is best. Floor: the distance of two "
+        "figure tells how far simulated is from real, the less the better. Floor: the distance of two "
         "simulated captures that differ by noise alone. Closed: before less after, over before "
         "less floor; above 100 % the simulation is nearer than noise alone would have it, below "
         "0 % it is farther than before."
@@ -50,7 +50,9 @@ def _figure(name: str, one: Closed) -> str:
         Bar(name="after", value=one.after, told=number(one.after), kind="second"),
         Bar(name="floor", value=one.floor, told=number(one.floor), kind="part"),
     ]
-    title = f"{escape(_TITLES.get(name, name.capitalize()))} <code>{escape(name)}</code>"
+    title = escape(name.capitalize())
+    if name in _TITLES:
+        title = f"{escape(_TITLES[name])} <code>{escape(name)}</code>"
     return f"<h4>{title}</h4><p>{escape(_closed(one))}</p>{chart(bars)}"
 
 

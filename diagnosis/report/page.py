@@ -52,9 +52,9 @@ def _answer(of: Diagnosis) -> str:
         for question, sentence in zip(_QUESTIONS, said.answer(of), strict=True)
     )
     locked = (
-        f"{listed(of.locked)} had no say in what is named and tell only how far."
+        f"Locked away, to judge by alone: {listed(of.locked)}."
         if of.locked
-        else "None is locked away to judge by."
+        else "None is locked away, to judge by."
     )
     limits = f"<h3>What these captures cannot tell</h3>{sentences(of.limits, '')}"
     return (

@@ -19,7 +19,8 @@ UNKNOWN = (184, 188, 194)  # Grey, of no scale below.
 HOLE = (30, 33, 38)
 _WIDEST_PX = 640
 _CELL_PX = 20
-_ZOOM, _PART = 3, 5  # A zoomed picture shows one fifth of the width, each pixel thrice.
+_ZOOM, _PART = 3, 5  # A zoomed picture shows one fifth of the width, each pixel thrice,
+_LEAST_PX = 96  # and at least so many pixels of it.
 _SHOWN = 98.0  # Percentile of sizes that a scale of colours reaches.
 _PLACES = np.linspace(-1, 1, 5)
 _ANCHORS = np.array(  # From blue over white to red, ColorBrewer's RdBu.
@@ -38,18 +39,16 @@ def limit(maps: Sequence[Map], *, least: float) -> float:
     return max(least, float(np.percentile(sizes, _SHOWN))) if sizes.size else least
 
 
-def heat(of: Map, limit: float, *, aspect: float) -> bytes:
+def heat(mean: NDArray[np.float64], limit: float, *, aspect: float) -> bytes:
     """Draw a map's mean; cells that are not known are grey.
 
     Args:
-        of: the map (rows, columns).
+        mean: (rows, columns) of the map, or a part of it.
         limit: value drawn fully red, its negative blue.
-        aspect: height of the whole map over its width.
+        aspect: height of a cell over its width.
     """
-    rows, columns = of.mean.shape
-    tall = max(1, round(_CELL_PX * columns / rows * aspect))
-    colours = _diverging(of.mean / limit)
-    return png.encode_colour(colours.repeat(tall, axis=0).repeat(_CELL_PX, axis=1))
+    tall = max(1, round(_CELL_PX * aspect))
+    return png.encode_colour(_diverging(mean / limit).repeat(tall, axis=0).repeat(_CELL_PX, axis=1))
 
 
 def scale() -> bytes:
@@ -100,7 +99,8 @@ def _diverging(share: NDArray) -> Colours:
 
 def _middle(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
     height, width = grey.shape
-    down, across = max(height // _PART, 1), max(width // _PART, 1)
+    across = max(width // _PART, min(_LEAST_PX, width))
+    down = max(height * across // width, 1)
     top, left = (height - down) // 2, (width - across) // 2
     return grey[top : top + down, left : left + across]
 

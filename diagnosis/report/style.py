@@ -22,11 +22,11 @@ body { overflow-wrap: break-word; }
 .track .zero { width: 0; border-left: 1px solid var(--quiet); }
 .track .whisker { top: 50%; height: 2px; margin-top: -1px; background: var(--ink);
   min-width: 2px; }
-.track .line { top: -.16rem; height: calc(100% + .32rem); border-left: 2px dashed var(--warn); }
+.track .line { top: -.16rem; height: calc(100% + .32rem); border-left: 2px dashed var(--ink); }
 .told { font-variant-numeric: tabular-nums; }
 .pairs, .threes { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: .9rem;
-  margin: .5rem 0 1rem; align-items: end; }
-.threes { grid-template-columns: repeat(3, minmax(0, 1fr)); align-items: start; }
+  margin: .5rem 0 1rem; align-items: start; }
+.threes { grid-template-columns: repeat(3, minmax(0, 1fr)); }
 .pairs { max-width: 58rem; }
 .pairs figure, .threes figure { max-width: none; }
 figure img { background: none; }
@@ -36,6 +36,7 @@ figure img { background: none; }
   .bars li { grid-template-columns: minmax(0, 1fr) auto; margin: .5rem 0; }
   .bars .track { grid-row: 2; grid-column: 1 / -1; height: .8rem; }
   .bars .told { text-align: right; }
+  .track .line { top: 0; height: 100%; }
   .answer li { font-size: 1.08rem; }
   .threes { grid-template-columns: minmax(0, 1fr); } }
 """

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from html import escape
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.report.elements import bar, number, table
 from diagnosis.diagnosis import Diagnosis
@@ -27,13 +28,14 @@ class _Figure:
     unit: str
     scale: float
     digits: str
+    less: str  # Unit of a difference.
 
 
 _FIGURES = {
-    "ndp_rate": _Figure("Pixels without depth", "%", 100, ".2f"),
-    "bias_px": _Figure("Bias of disparity", "px", 1, ".3f"),
-    "nmad_px": _Figure("Spread of disparity (NMAD)", "px", 1, ".3f"),
-    "bad1_pct": _Figure("Pixels off by more than 1 px", "%", 1, ".2f"),
+    "ndp_rate": _Figure("Pixels without depth", "%", 100, ".2f", "points"),
+    "bias_px": _Figure("Bias of disparity", "px", 1, ".3f", "px"),
+    "nmad_px": _Figure("Spread of disparity (NMAD)", "px", 1, ".3f", "px"),
+    "bad1_pct": _Figure("Pixels off by more than 1 px", "%", 1, ".2f", "points"),
 }
 
 
@@ -81,12 +83,12 @@ def section(of: Diagnosis) -> str:
 
 
 def _part(name: str, part: Part) -> str:
-    figure = _FIGURES.get(name, _Figure(name, "", 1, ".3g"))
+    figure = _FIGURES.get(name, _Figure(name, "", 1, ".3g", ""))
 
-    def told(value: float | None, sign: str = "") -> str:
+    def told(value: float | None) -> str:
         if value is None:
             return "not captured"
-        return f"{number(figure.scale * value, sign + figure.digits)} {figure.unit}".strip()
+        return f"{number(figure.scale * value, figure.digits)} {figure.unit}".rstrip()
 
     def scaled(value: float | None) -> float:
         return math.nan if value is None else figure.scale * value
@@ -114,7 +116,8 @@ def _part(name: str, part: Part) -> str:
                 value=mean,
                 low=low,
                 high=high,
-                told=f"{told(found[0], '+')} {interval(low, high, '+' + figure.digits)}",
+                told=f"{number(mean, '+' + figure.digits)} "
+                f"{interval(low, high, '+' + figure.digits)} {figure.less}".rstrip(),
                 kind="part",
             )
         )
@@ -128,8 +131,8 @@ def _maps(of: Diagnosis) -> str:
     parts = [
         prose(
             "Means over scenes. What imager and lens do stays at its place in the camera's image, "
-            "what the projector does at its place in the projector's field. Grey: fewer than two "
-            "scenes reach. One scale of colours for both frames."
+            "what the projector does at its place in the projector's field. Grey: too few pixels "
+            "of two scenes. One scale of colours for both frames."
         )
     ]
     for quantity, words in _QUANTITIES.items():
@@ -148,26 +151,49 @@ def _maps(of: Diagnosis) -> str:
 
 
 def _map(one: Map, words: _Quantity, limit: float, aspect: float) -> str:
+    """Draw a map, of the projector's the part that is known.
+
+    Args:
+        one: the map.
+        words: of its quantity.
+        limit: of the colours.
+        aspect: height of the image over its width.
+    """
     known = np.isfinite(one.mean)
-    if one.frame == CAMERA:
-        frame = "Camera frame: left image"
-    else:
-        frame = f"Projector frame: tangents {number(-FIELD)} to {number(FIELD)}, square"
+    frame = "Camera frame" if one.frame == CAMERA else "Projector frame"
+    if not known.any():
+        return f"<div>{prose(f'{frame}: too few pixels in every cell.', quiet=True)}</div>"
+    mean = one.mean
+    rows, columns = mean.shape
+    if one.frame != CAMERA:
         aspect = 1.0
-    told = "no cell is known"
-    if known.any():
-        strongest = float(one.mean[known][np.argmax(np.abs(one.mean[known]))])
-        clear = int(np.count_nonzero(np.abs(one.t[known]) > _CLEAR_T))
-        told = (
-            f"strongest {number(words.scale * strongest, '+.3g')} {words.unit}".rstrip()
-            + f"; |t| > {_CLEAR_T:.0f} in {clear} of {int(known.sum())} cells"
-        )
+        down, across = (_reach(known, axis) for axis in (1, 0))
+        mean = mean[down, across]
+        frame += f", tangents {_tangents(across, columns)} by {_tangents(down, rows)}"
+    strongest = float(one.mean[known][np.argmax(np.abs(one.mean[known]))])
+    clear = int(np.count_nonzero(np.abs(one.t[known]) > _CLEAR_T))
+    told = (
+        f"strongest {number(words.scale * strongest, '+.3g')} {words.unit}".rstrip()
+        + f"; |t| > {_CLEAR_T:.0f} in {clear} of {int(known.sum())} cells"
+    )
     return picture(
-        pictures.heat(one, limit, aspect=aspect),
-        alt=f"Map, {one.frame} frame. {words.title}: {told}.",
+        pictures.heat(mean, limit, aspect=aspect * columns / rows),
+        alt=f"{frame}. {words.title}: {told}.",
         caption=f"{frame}; {told}",
         sharp=True,
     )
+
+
+def _reach(known: NDArray[np.bool_], axis: int) -> slice:
+    """Rows (1) or columns (0) from the first to the last that is known, and one more each side."""
+    lines = np.asarray(known.any(axis=axis))
+    at = np.flatnonzero(lines)
+    return slice(max(int(at[0]) - 1, 0), min(int(at[-1]) + 2, lines.size))
+
+
+def _tangents(cells: slice, count: int) -> str:
+    ends = (FIELD * (2 * end / count - 1) for end in (cells.start, cells.stop))
+    return " to ".join(number(end, ".2f") for end in ends)
 
 
 def _rules(rules: tuple[Rule, ...]) -> str:
@@ -195,7 +221,7 @@ def _rows(rows: tuple[Row, ...]) -> str:
             escape(row.covariate),
             escape(row.bin),
             points(row.gap),
-            interval(100 * row.low, 100 * row.high, "+.1f"),
+            interval(100 * row.low, 100 * row.high, "+.2f"),
             percent(row.area),
             f"{number(100 * row.share, '.0f')} %",
             number(row.p, ".3g"),

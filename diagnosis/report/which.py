@@ -46,7 +46,7 @@ def _accepted(accepted: tuple[Accepted, ...]) -> str:
     rows = []
     for one in accepted:
         low, high = (sentences.number(end) for end in one.interval)
-        effect, parameter = setting.parameter_of(one.fit.name)
+        _, parameter = setting.parameter_of(one.fit.name)
         rows.append(
             [
                 f"<code>{escape(one.fit.name)}</code>",
@@ -55,23 +55,24 @@ def _accepted(accepted: tuple[Accepted, ...]) -> str:
                 escape("" if parameter.unit == "1" else parameter.unit),
                 escape(sentences.number(one.fit.signature.candidate.base)),
                 number(one.fit.total, ".1f"),
-                escape(effect.imitates),
             ]
         )
-    head = ["Consistent with", "Value", "90 %", "Unit", "Base", "Held-out gain", "What it imitates"]
+    head = ["Consistent with", "Value", "90 %", "Unit", "Base", "Held-out gain"]
     sets = "".join(f"<li>{_set(one)}</li>" for one in accepted)
-    return f'<div class="effects">{table(head, rows)}</div><ul>{sets}</ul>'
+    return f"{table(head, rows)}<ul>{sets}</ul>"
 
 
 def _set(one: Accepted) -> str:
+    effect, _ = setting.parameter_of(one.fit.name)
     name = f"<b>{escape(one.fit.name)}</b>"
+    imitates = f'<br><span class="quiet">It imitates: {escape(effect.imitates)}</span>'
     if not one.rivals:
-        return f"{name} is separable from all other effects that were tried."
+        return f"{name} is separable from all other effects that were tried.{imitates}"
     rivals = ", ".join(
         f"{rival.name} {sentences.number(rival.value)} (gain {number(rival.total, '.1f')})"
         for rival in one.rivals
     )
-    return f"{name} is not separable from {escape(rivals)}."
+    return f"{name} is not separable from {escape(rivals)}.{imitates}"
 
 
 def _lead(arm: Found) -> str:
@@ -117,13 +118,22 @@ def _tell_apart(of: Diagnosis) -> str:
 
 
 def _capture(told: Told) -> str:
-    one, other = told.rivals
+    pair = _against(told)
     if not math.isfinite(told.deviations):
-        return f"{one} against {other}: not known."
+        return f"{pair}: not known."
     far = f"{number(told.deviations, '.1f')} deviations apart"
     if told.enough:
-        return f"{one} against {other}: take {told.capture}; they would stand {far}."
+        return f"{pair}: take {told.capture}; they would stand {far}."
     return (
-        f"{one} against {other}: no capture that was tried tells them apart for sure; the best, "
-        f"{told.capture}, sets them {far}."
+        f"{pair}: no capture that was tried tells them apart for sure; the best, {told.capture}, "
+        f"sets them {far}."
     )
+
+
+def _against(told: Told) -> str:
+    """Name both rivals, and what acts beside either."""
+    one, other = (names.split(", ") for names in told.rivals)
+    common = [name for name in one if name in other]
+    pair = [", ".join(name for name in names if name not in common) for names in (one, other)]
+    beside = f" (beside {', '.join(common)})" if common else ""
+    return f"{' against '.join(pair)}{beside}"

@@ -147,7 +147,7 @@ FULL = diagnosis()
 class Reader(HTMLParser):
     """Text by heading, table cells, pictures; refuses tags that are left open."""
 
-    OWN_END = frozenset({"meta", "img"})
+    OWN_END = frozenset({"meta", "img", "br"})
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -231,7 +231,7 @@ def test_numbers_of_the_stage_swap_are_the_figures():
     assert f"A simulated {100 * rate.simulated:.2f} %" in read.text
     assert f"C device {100 * rate.device:.2f} %" in read.text
     mean, low, high = (f"{100 * end:+.2f}" for end in rate.image)
-    assert f"B less A: images {mean} % [{low}, {high}]" in read.text
+    assert f"B less A: images {mean} [{low}, {high}] points" in read.text
 
 
 def test_the_bins_of_the_smallest_chance_are_listed():
@@ -242,7 +242,7 @@ def test_the_bins_of_the_smallest_chance_are_listed():
         listed = [one for one in read.rows if one[:2] == [row.covariate, row.bin]]
         assert len(listed) == (number < 15)
         if listed:
-            assert listed[0][2] == f"{100 * row.gap:+.1f} points".replace("-", MINUS)
+            assert listed[0][2] == f"{100 * row.gap:+.2f} points".replace("-", MINUS)
             assert listed[0][6] == f"{row.p:.3g}"
 
 
@@ -286,9 +286,9 @@ def test_no_cause_is_claimed():
 
 def test_the_capture_that_would_tell_is_told():
     near = Told(capture="a lens cap on", rivals=("a", "b"), deviations=1.25)
-    far = Told(capture="8 repeats", rivals=("c", "d"), deviations=12.0)
+    far = Told(capture="8 repeats", rivals=("x, c", "x, d"), deviations=12.0)
     text = Reader(page(diagnosis(tell_apart=(near, far)))).text
-    assert "c against d: take 8 repeats; they would stand 12.0 deviations apart" in text
+    assert "c against d (beside x): take 8 repeats; they would stand 12.0 deviations apart" in text
     assert "a against b: no capture that was tried tells them apart for sure; the best, a lens" in (
         text
     )
@@ -306,7 +306,9 @@ def test_how_far_has_its_numbers():
 
 
 def test_no_gap_is_a_verdict():
-    one = diagnosis(kind="no gap", arms=(found(dataclasses.replace(NOTHING, after=0.5)),), howfar=None)
+    one = diagnosis(
+        kind="no gap", arms=(found(dataclasses.replace(NOTHING, after=0.5)),), howfar=None
+    )
     text = Reader(page(one)).text
     assert "No gap found" in text and "No effect is accepted here." in text
     assert "None gains anything." in text
@@ -378,7 +380,10 @@ def test_what_is_not_known_is_a_dash():
     one = dataclasses.replace(FULL.where, parts=parts, maps=blank, rows=(row,))
     read = Reader(page(dataclasses.replace(FULL, where=one)))
     assert "A simulated \N{EN DASH} px" in read.text
-    assert "no cell is known" in read.text and "nan" not in read.text.lower()
+    assert (
+        "Projector frame: too few pixels in every cell." in read.text
+        and "nan" not in read.text.lower()
+    )
     assert read.row(row.covariate, row.bin)[3:6:2] == ["\N{EN DASH}", "\N{EN DASH} %"]
 
 
@@ -418,7 +423,7 @@ def test_maps_are_red_above_zero_blue_below_and_grey_where_unknown():
     mean = np.zeros((maps.ROWS, maps.COLUMNS))
     mean[0, 0], mean[0, 1], mean[0, 2] = 0.5, -0.5, NAN
     one = Map(quantity="holes", frame=maps.CAMERA, mean=mean, t=mean)
-    image = decoded(pictures.heat(one, 0.5, aspect=9 / 16))
+    image = decoded(pictures.heat(mean, 0.5, aspect=1.0))
     assert image.shape[0] / image.shape[1] == pytest.approx(9 / 16, abs=0.01)
     side = image.shape[1] // maps.COLUMNS
     cells = image[side // 2, side // 2 :: side]
@@ -446,6 +451,7 @@ def test_infrared_is_drawn_on_one_scale():
     assert images[0].max() == 0 and images[1].min() == 255
     assert images[0].shape[1] == 640
     assert decoded(pictures.infrared(dark, limits, zoomed=True)).shape[:2] == (60, 540)
+    assert decoded(pictures.infrared(dark[:, :120], limits, zoomed=True)).shape[:2] == (240, 288)
 
 
 class FakeSubject:
