@@ -13,8 +13,6 @@ from calibration.report.elements import NONE, number
 
 Kind = Literal["first", "second", "third", "part"]
 
-STAGES = {"image": "the infrared images", "depth": "the device's matcher and filters"}
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bar:

@@ -32,7 +32,7 @@ def section(of: Diagnosis) -> str:
         return prose(f"How far the gap closes was not judged: {why}.")
     said = (
         f"Measured on {counted(len(of.locked), 'scene')} that had no say in what is named. Each "
-        "figure tells how far simulated is from real, the less the better. Floor: the distance of two "
+        "figure tells how far simulated is from real: the less, the better. Floor: that of two "
         "simulated captures that differ by noise alone. Closed: before less after, over before "
         "less floor; above 100 % the simulation is nearer than noise alone would have it, below "
         "0 % it is farther than before."
@@ -57,13 +57,12 @@ def _figure(name: str, one: Closed) -> str:
 
 
 def _closed(one: Closed) -> str:
-    if one.closed_pct is None or one.interval is None:
+    if one.closed_pct is None:
         return "Not identifiable: before and floor do not differ for sure."
     said = f"Closed by {number(one.closed_pct, '.0f')} %"
-    low, high = one.interval
-    if low == high:
+    if one.interval is None:
         return f"{said}; one scene gives no interval."
-    return f"{said}, 95 % interval {interval(low, high, '.0f')} %."
+    return f"{said}, 95 % interval {interval(*one.interval, '.0f')} %."
 
 
 def _shares(shares: dict[str, float]) -> str:

@@ -9,7 +9,7 @@ from calibration.report.style import STYLE as COMMON
 from diagnosis.diagnosis import LOCKED, Diagnosis
 from diagnosis.report import howfar, where, which
 from diagnosis.report import sentences as said
-from diagnosis.report.elements import STAGES, prose
+from diagnosis.report.elements import prose
 from diagnosis.report.style import STYLE
 from diagnosis.which import null
 from diagnosis.which.arm import OF_BEFORE, UNEXPLAINED
@@ -66,7 +66,7 @@ def _answer(of: Diagnosis) -> str:
 def _made(of: Diagnosis) -> str:
     rows = [
         [
-            escape(STAGES[arm.bench.arm.value].capitalize()),
+            escape(said.STAGES[arm.bench.arm.value].capitalize()),
             str(len(arm.bench.names)),
             number(float(arm.weight.sum()), ".1f"),
             number(arm.search.threshold, ".1f"),

@@ -8,7 +8,7 @@ from diagnosis.which.arm import Found
 from diagnosis.which.search import Accepted
 from sim.effects.effect import Value
 
-_STAGES = {
+STAGES = {
     "image": "the infrared images",
     "depth": "the device's matcher and filters",
     "whole": "depth",
@@ -46,12 +46,13 @@ def _which(of: Diagnosis) -> str:
     said = "The gap is consistent with " + ", with ".join(named) if named else ""
     if of.kind == "effects":
         return said + "."
-    leads = [f"{_STAGES[arm.bench.arm.value]}: {_lead(arm)}" for arm in of.arms if arm.unexplained]
+    leads = [f"{STAGES[arm.bench.arm.value]}: {lead(arm)}" for arm in of.arms if arm.unexplained]
     rest = "None of the known effects explains the gap; what is left shows in " + "; ".join(leads)
     return f"{rest}." + (f" {said} as stand-ins." if said else "")
 
 
-def _lead(arm: Found) -> str:
+def lead(arm: Found) -> str:
+    """Name what an arm leaves unexplained."""
     return ", ".join(arm.lead) if arm.lead else "no single group of features"
 
 
@@ -71,11 +72,10 @@ def _howfar(of: Diagnosis) -> str:
         for name, one in of.howfar.figures.items()
         if one.closed_pct is not None
     ]
+    scenes = "1 scene" if len(of.locked) == 1 else f"{len(of.locked)} scenes"
     if not said:
-        return f"On {len(of.locked)} scenes that had no say nothing could be closed."
-    return (
-        f"Of the closable gap on {len(of.locked)} scenes that had no say: " + ", ".join(said) + "."
-    )
+        return f"On {scenes} that had no say nothing could be closed."
+    return f"Of the closable gap on {scenes} that had no say: " + ", ".join(said) + "."
 
 
 def _interval(one: Closed) -> str:

@@ -8,7 +8,7 @@ from html import escape
 from calibration.report.elements import counted, number, table
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.report import sentences
-from diagnosis.report.elements import STAGES, Bar, chart, prose
+from diagnosis.report.elements import Bar, chart, prose
 from diagnosis.tell_apart import Told
 from diagnosis.which.arm import Found
 from diagnosis.which.search import Accepted
@@ -25,7 +25,7 @@ def section(of: Diagnosis) -> str:
 
 
 def _arm(arm: Found) -> str:
-    stage = STAGES[arm.bench.arm.value]
+    stage = sentences.STAGES[arm.bench.arm.value]
     found = arm.search
     said = (
         f"Size of the gap before {number(found.before, '.3g')}, with the accepted effects "
@@ -78,7 +78,7 @@ def _set(one: Accepted) -> str:
 def _lead(arm: Found) -> str:
     if not arm.unexplained:
         return ""
-    shows = ", ".join(arm.lead) if arm.lead else "no single group of features"
+    shows = sentences.lead(arm)
     return (
         f'<ul class="open"><li>None of the known effects explains what is left here. It shows in '
         f"{escape(shows)}.</li></ul>"
