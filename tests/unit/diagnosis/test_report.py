@@ -9,7 +9,6 @@ import base64
 import dataclasses
 import json
 import re
-from html.parser import HTMLParser
 from typing import Any
 
 import cv2
@@ -34,6 +33,7 @@ from diagnosis.which.signature import Signature
 from patterns.errors import InputError
 from sim import record
 from tests.unit.diagnosis import test_fit as made
+from tests.unit.diagnosis.read_page import Reader
 from tests.unit.diagnosis.test_features import GROUND
 from tests.unit.diagnosis.test_where import pair_of
 
@@ -139,56 +139,6 @@ def diagnosis(captured: list[Reading] | None = None, **others: Any) -> Diagnosis
 
 
 FULL = diagnosis()
-
-
-class Reader(HTMLParser):
-    """Text by heading, table cells, pictures; refuses tags that are left open."""
-
-    OWN_END = frozenset({"meta", "img", "br"})
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.pictures: list[dict[str, str]] = []
-        self.rows: list[list[str]] = []
-        self.words: list[str] = []
-        self.tags: set[str] = set()
-        self.feed(text)
-        self.close()
-        assert self.open == []
-
-    @property
-    def text(self) -> str:
-        return re.sub(r"\s+", " ", " ".join(self.words))
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.add(tag)
-        known = {name: value or "" for name, value in attrs}
-        assert not any(name.startswith("on") for name in known)
-        if tag == "img":
-            self.pictures.append(known)
-        if tag == "tr":
-            self.rows.append([])
-        if tag in ("th", "td"):
-            self.rows[-1].append("")
-        if tag not in self.OWN_END:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if "style" in self.open:
-            assert "url(" not in data and "@import" not in data
-            return
-        self.words.append(data)
-        if self.rows and self.open[-1:] and {"th", "td"} & set(self.open):
-            self.rows[-1][-1] += data
-
-    def row(self, *first: str) -> list[str]:
-        """The table row that begins so."""
-        (one,) = [row for row in self.rows if tuple(row[: len(first)]) == first]
-        return one
 
 
 def test_the_page_stands_alone():
