@@ -60,6 +60,7 @@ def _effect(arm: Found, one: Accepted) -> dict[str, Any]:
         "base": one.fit.signature.candidate.base,
         "set": [one.fit.name, *(rival.name for rival in one.rivals)],
         "rivals": {rival.name: rival.value for rival in one.rivals},
+        "rival_gains": {rival.name: rival.total for rival in one.rivals},
         "gain": one.fit.total,
     }
 

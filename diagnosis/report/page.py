@@ -95,7 +95,7 @@ def _made(of: Diagnosis) -> str:
         + (table(head, rows) if rows else "")
         + prose(
             "That a gap is consistent with an effect does not prove that the effect made it: what "
-            "no effect of the table describes is not tried. Every number of this page, and all "
-            "that are left out here, are in report.json beside it."
+            "no effect of the table describes is not tried. Every number of this page but those "
+            "under the pictures of one scene is in report.json beside it, or follows from what is."
         )
     )

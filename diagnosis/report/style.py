@@ -38,5 +38,5 @@ figure img { background: none; }
   .bars .told { text-align: right; }
   .track .line { top: 0; height: 100%; }
   .answer li { font-size: 1.08rem; }
-  .threes { grid-template-columns: minmax(0, 1fr); } }
+  .pairs, .threes { grid-template-columns: minmax(0, 1fr); } }
 """

@@ -13,6 +13,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 
 from diagnosis import diagnose_captures
 from diagnosis.diagnosis import Diagnosis
@@ -340,6 +341,8 @@ def test_report_json_holds_what_the_page_shows():
     told = json.loads(record.dumps(figures.figures(FULL)))
     assert told["verdict"] == "effects" and told["says"] == sentences.answer(FULL)
     assert told["howfar"]["log_nmad"]["before"] is None
+    (rival,) = NAMED.accepted[0].rivals
+    assert told["effects"][0]["rival_gains"] == {rival.name: pytest.approx(rival.total)}
 
 
 def test_the_printed_text_ends_with_the_report_s_place():
