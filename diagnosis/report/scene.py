@@ -12,16 +12,20 @@ from diagnosis.report.elements import percent, picture, prose
 from diagnosis.report.shown import Shown
 
 
-def section(of: Shown, *, locked: bool) -> str:
+def section(of: Shown, *, locked: bool, named: bool) -> str:
     """Draw a scene's infrared images and disparity errors as HTML.
 
     Args:
         of: the scene.
-        locked: whether it had a say in what was named.
+        locked: whether it had no say in what is named.
+        named: whether effects were tried at all.
     """
-    say = "It had no say in what is named." if locked else "It had a say in what is named."
-    after = "" if of.after is not None else " No effect was accepted: there is no picture after."
-    return prose(say + after) + _infrared(of) + _errors(of)
+    said = []
+    if named:
+        said.append(f"It had {'no' if locked else 'a'} say in what is named.")
+    if of.after is None:
+        said.append("There is no picture after: no effect is accepted, or some exclude each other.")
+    return (prose(*said) if said else "") + _infrared(of) + _errors(of)
 
 
 def _readings(of: Shown) -> list[tuple[str, Reading]]:

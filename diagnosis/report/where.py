@@ -74,7 +74,7 @@ def section(of: Diagnosis) -> str:
         + "<h3>Which places</h3>"
         + _maps(of)
         + f"<h3>One scene: {escape(of.shown.scene)}</h3>"
-        + scene.section(of.shown, locked=of.shown.scene in of.locked)
+        + scene.section(of.shown, locked=of.shown.scene in of.locked, named=bool(of.arms))
         + "<h3>Which rules</h3>"
         + _rules(of.where.rules)
         + f"<h3>Which bins: the {min(ROWS, len(of.where.rows))} of the smallest chance</h3>"

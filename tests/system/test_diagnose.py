@@ -87,6 +87,8 @@ def test_an_effect_is_named_measured_and_mended(place, diagnosed):
     assert fixed.left.gamma == fixed.right.gamma == pytest.approx(found["parameters"]["gamma"])
     assert json.loads((place / "bent-report" / "report.json").read_text())["says"] == told["says"]
     assert "consistent with" in told["says"][1]
+    shown = Path(told["report"])
+    assert shown.parent == place / "bent-report" and "gamma" in shown.read_text("utf-8")
 
 
 def test_a_family_that_is_left_out_is_not_named(place, diagnosed):

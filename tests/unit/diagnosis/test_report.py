@@ -262,6 +262,7 @@ def test_no_gap_is_a_verdict():
     text = Reader(page(one)).text
     assert "No gap found" in text and "No effect is accepted here." in text
     assert "None gains anything." in text
+    assert "It had no say in what is named." in text
     assert "was not judged: no effect is named" in text
     assert "is not separable" not in text.split("How this was made")[0]
     assert "what is left here" not in text
@@ -291,14 +292,15 @@ def test_captures_that_cannot_tell_are_a_verdict():
     )
     text = Reader(page(one)).text
     assert "These captures cannot tell" in text and "One room alone: nothing can" in text
+    assert "say in what is named" not in text
     assert "No effect was tried" in text and "One scene alone" in text
     assert "was not judged: no scene is locked" in text
     assert "1 scene, attic." in text and "None is locked away" in text
 
 
 def test_without_infrared_depth_alone_is_shown():
-    one = diagnosis(real(infrared=False), kind="cannot tell", arms=(), howfar=None)
-    read = Reader(page(one))
+    read = Reader(page(diagnosis(real(infrared=False), arms=(found(NAMED, arm=Arm.WHOLE),))))
+    assert "In depth" in read.text and "It had no say in what is named." in read.text
     assert "No infrared was captured of it." in read.text
     assert "B real images, our matcher not captured" in read.text
     assert "Infrared level" not in read.text and "B less A" not in read.text.split("Which pl")[1]
@@ -315,7 +317,7 @@ def test_without_device_depth_our_matcher_stands_for_it():
 def test_without_a_simulation_after_there_is_no_picture_of_it():
     bare = dataclasses.replace(FULL.shown, after=None)
     read = Reader(page(diagnosis(shown=bare)))
-    assert "there is no picture after" in read.text
+    assert "There is no picture after" in read.text
     assert not any("accepted effects" in one["alt"] for one in read.pictures)
 
 
