@@ -8,6 +8,7 @@ from diagnosis.which.arm import Found
 from diagnosis.which.search import Accepted
 from sim.effects.effect import Value
 
+_SUMMARY = {"ndp_brier": "holes (Brier score)"}  # Figures that one sentence has room for.
 STAGES = {
     "image": "the infrared images",
     "depth": "the device's matcher and filters",
@@ -68,13 +69,13 @@ def _howfar(of: Diagnosis) -> str:
     if of.howfar is None:
         return "How far it closes was not judged."
     said = [
-        f"{name} {one.closed_pct:.0f} %{_interval(one)}"
+        f"{_SUMMARY.get(name, name)} {one.closed_pct:.0f} %{_interval(one)}"
         for name, one in of.howfar.figures.items()
-        if one.closed_pct is not None
+        if one.closed_pct is not None and (name in _SUMMARY or name.startswith("features"))
     ]
     scenes = "1 scene" if len(of.locked) == 1 else f"{len(of.locked)} scenes"
     if not said:
-        return f"On {scenes} that had no say nothing could be closed."
+        return f"On {scenes} that had no say there was nothing to close."
     return f"Of the closable gap on {scenes} that had no say: " + ", ".join(said) + "."
 
 

@@ -17,7 +17,7 @@ from diagnosis.reading import Reading
 
 CAMERA, PROJECTOR = "camera", "projector"
 ROWS, COLUMNS = 18, 32  # Cells of a map.
-_FEWEST = 50  # Pixels of a scene in a cell.
+_FEWEST = 12  # Pixels of a scene in a cell, or on an object.
 FIELD = 1.0  # Tangent of the half field that a projector's map shows to each side.
 _FAR_OFF_PX = 2.0
 

@@ -251,7 +251,7 @@ def test_how_far_has_its_numbers():
     assert f"before {MINUS}2.5 after {MINUS}3.5 floor {MINUS}3" in text
     assert "Not identifiable" in text and "before \N{EN DASH} after" in text
     assert "lens_blur 81 %" in text
-    assert "on 1 scene that had no say: ndp_brier 67 % [41, 83], infrared_nll -200 %." in text
+    assert "on 1 scene that had no say: holes (Brier score) 67 % [41, 83]." in text
     assert "on 2 scenes that" in page(diagnosis(locked=NAMES[:2]))
 
 
