@@ -10,7 +10,8 @@ from typing import Any
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.report import figures as numbers
 from diagnosis.report.page import page
-from sim import backend, capture, progress, record, sensors
+from patterns.errors import one_of
+from sim import backend, capture, effects, progress, record, sensors
 from sim.effects import setting
 from sim.output import RECORD, OutputFolder, refuse_own_input
 from sim.sensor import Sensor
@@ -25,6 +26,7 @@ def diagnose_captures(
     out: Path,
     *,
     cache: Path | None = None,
+    families: Sequence[str] = (),
     leave_out: Sequence[str] = (),
     fix: bool = False,
     force: bool = False,
@@ -38,7 +40,8 @@ def diagnose_captures(
         sensor: the base, with the captures' geometry.
         out: folder for report.html, report.json and how they were made.
         cache: folder that keeps what is simulated, for other runs.
-        leave_out: families of effects that are not tried.
+        families: of effects that are tried; all if none.
+        leave_out: families that are not.
         fix: write the sensor with the accepted effects in.
         force: replace what was written before.
         asked: more arguments for the record.
@@ -54,7 +57,9 @@ def diagnose_captures(
     opened = capture.open_set(captures)
     refuse_own_input(out, opened.path)
     with OutputFolder(out, force=force) as folder:
-        found = diagnose(opened, sensor, cache=cache, leave_out=leave_out, tell=tell)
+        found = diagnose(
+            opened, sensor, cache=cache, families=_tried(families, leave_out), tell=tell
+        )
         figures = numbers.figures(found)
         folder.write("report.json", record.dumps(figures))
         folder.write(PAGE, page(found))
@@ -67,6 +72,7 @@ def diagnose_captures(
                     "verb": "diagnose",
                     "arguments": {
                         "captures": captures,
+                        "families": list(families),
                         "leave_out": list(leave_out),
                         "fix": fix,
                         **(asked or {}),
@@ -83,6 +89,14 @@ def diagnose_captures(
         "report": str(out / PAGE),
         "seconds": round(time.perf_counter() - begun, 3),
     }
+
+
+def _tried(families: Sequence[str], leave_out: Sequence[str]) -> list[str]:
+    """Families that are asked for and not left out; refuses those that are none."""
+    known = sorted({row.family for row in effects.table()})
+    for family in (*families, *leave_out):
+        one_of("family", family, known)
+    return [family for family in families or known if family not in leave_out]
 
 
 def fixed(found: Diagnosis, sensor: Sensor) -> Sensor:

@@ -19,8 +19,8 @@ from diagnosis.where.where import Where
 from diagnosis.which.arm import Found, diagnosed
 from diagnosis.which.bench import bench
 from diagnosis.which.candidates import Arm, candidates
-from patterns.errors import one_of, refuse
-from sim import effects, progress
+from patterns.errors import refuse
+from sim import progress
 from sim.capture import CaptureSet
 from sim.effects.effect import Value
 from sim.sensor import Sensor
@@ -56,7 +56,7 @@ def diagnose(
     sensor: Sensor,
     *,
     cache: Path | None = None,
-    leave_out: Sequence[str] = (),
+    families: Sequence[str] | None = None,
     tell: progress.Progress = progress.silent,
 ) -> Diagnosis:
     """Diagnose the gap between a capture set and a sensor that should be its camera's.
@@ -65,15 +65,12 @@ def diagnose(
         captures: scenes with reference depth or known geometry.
         sensor: the base: a preset or a calibrated sensor, with the captures' geometry.
         cache: folder that keeps what effects do to these scenes.
-        leave_out: families of effects that are not tried.
+        families: of effects that are tried; None tries all.
         tell: wraps loops that take long.
 
     Raises:
-        InputError: if a scene is damaged, none has geometry or reference depth, or there is no
-            such family.
+        InputError: if a scene is damaged, or none has geometry or reference depth.
     """
-    for family in leave_out:
-        one_of("family", family, sorted({row.family for row in effects.table()}))
     subjects = [subject(scene, sensor) for scene in tell(captures.scenes, "scenes")]
     if not subjects:
         raise refuse("captures", "must hold a scene", 0, "Take captures first.")
@@ -87,7 +84,7 @@ def diagnose(
                 [
                     one
                     for one in candidates(sensor, asked[0].scene, arm)
-                    if one.effect.family not in leave_out
+                    if families is None or one.effect.family in families
                 ],
                 tell=tell,
             )

@@ -16,6 +16,7 @@ def diagnose(
     sensor: str,
     out: Path,
     cache: Path | None = None,
+    families: tuple[str, ...] = (),
     leave_out: tuple[str, ...] = (),
     edits: Edits = (),
     fix: bool = False,
@@ -32,7 +33,8 @@ def diagnose(
             should be.
         out: folder for the report.
         cache: folder that keeps what is simulated, for other runs on the same scenes.
-        leave_out: families of effects (see `starling effects`) that are not tried.
+        families: of effects (see `starling effects`) that are tried; all where none is named.
+        leave_out: families that are not tried.
         fix: write sensor.toml with the accepted effects in.
         force: drop what starling left in the folder.
     """
@@ -46,6 +48,7 @@ def diagnose(
             camera,
             out,
             cache=cache,
+            families=families,
             leave_out=leave_out,
             fix=fix,
             force=force,

@@ -90,12 +90,14 @@ def weights(signatures: Sequence[Signature], deviation: NDArray[np.float64]) -> 
     outvote a single feature that knows better.
 
     Args:
-        signatures: what many effects do.
+        signatures: what many effects do; where there are none every feature has a vote.
         deviation: (features,).
 
     Returns:
         (features,) in 0..1.
     """
+    if not signatures:
+        return np.ones_like(deviation)
     moves = np.nan_to_num(np.concatenate([one.change for one in signatures]) / deviation)
     size = np.sqrt((moves**2).sum(axis=(1, 2)))
     told = moves[size > _SEEN] / size[size > _SEEN, None, None]

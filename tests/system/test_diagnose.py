@@ -99,6 +99,12 @@ def test_a_family_that_is_left_out_is_not_named(place, diagnosed):
     assert "None of the known effects" in told["says"][1]
 
 
+def test_families_that_are_asked_for_are_tried_alone(place, diagnosed):
+    told = diagnosed(place / "bent", "--families", "veil", "vignetting")
+    tried = {one["name"] for one in told["which"]["image"]["alone"]}
+    assert tried == {"veil", "vignetting"}
+
+
 def test_of_no_gap_nothing_is_named(place, diagnosed):
     told = diagnosed(place / "null")
     assert told["verdict"] == "no gap" and told["effects"] == [] and told["howfar"] == {}

@@ -218,6 +218,7 @@ def test_features_that_move_alike_share_one_vote():
     weight = weights([one], np.full(8, 0.1))
     assert weight[:5] == pytest.approx(0.2, rel=0.05)
     assert weight[5:7] == pytest.approx(1, rel=0.1)
+    assert (weights([], np.full(8, 0.1)) == 1).all()
     assert weight[7] == pytest.approx(1)  # Nothing moves it, so nothing repeats it.
 
 
