@@ -14,7 +14,10 @@ import pytest
 from sim.reason import LABELS
 
 ROOT = Path(__file__).parents[1]
-_LONG = {"02-what-a-real-camera-adds", "04-calibrate", "05-learn-the-holes"}  # A minute each.
+_LONG = {  # A minute each.
+    *("02-what-a-real-camera-adds", "04-calibrate"),
+    *("05-learn-the-holes", "06-diagnose"),
+}
 TUTORIALS = [
     pytest.param(page, id=page.stem, marks=[pytest.mark.long] * (page.stem in _LONG))
     for page in sorted((ROOT / "docs" / "tutorial").glob("*.md"))
