@@ -62,7 +62,7 @@ def surfaces(stage: Stage, sensor: Sensor, world_from_camera: Pose, *, shrink: i
         sensor, world_from_camera, sampler=plugin_scene.fixed(1), shrink=shrink
     )
     integrator = mi.load_dict({"type": "aov", "aovs": "p:position,n:sh_normal,a:albedo"})
-    image = np.array(mi.render(stage.mitsuba, sensor=camera, integrator=integrator, spp=1))
+    image = np.array(mi.render(stage.evenly_lit, sensor=camera, integrator=integrator, spp=1))
     hit = np.linalg.norm(image[..., 3:6], axis=-1) > 0.5
     local = (image[..., 0:3] - world_from_camera[:3, 3]) @ world_from_camera[:3, :3]
     normal = image[..., 3:6] @ world_from_camera[:3, :3]

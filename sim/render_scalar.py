@@ -79,7 +79,7 @@ class _Seen:
         mi = backend.mitsuba()
         camera = plugin_scene.camera(sensor, world_from_camera, sampler=plugin_scene.fixed(1))
         integrator = mi.load_dict({"type": "aov", "aovs": _AOVS})
-        image = np.array(mi.render(stage.mitsuba, sensor=camera, integrator=integrator, spp=1))
+        image = np.array(mi.render(stage.evenly_lit, sensor=camera, integrator=integrator, spp=1))
         self.point, normal = image[..., 0:3].astype(np.float64), image[..., 3:6]
         self.albedo = np.minimum(image[..., 6], 1)
         self.hit = np.linalg.norm(normal, axis=-1) > 0.5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from patterns import errors
 from sim import backend, bsdf
-from sim.scene import Body, Finish, Scene
+from sim.scene import Body, Scene
 from sim.specular import Specular, shape_handle
 
 
@@ -24,12 +25,10 @@ class Stage:
             InputError: if the scene is not in metres, or the camera stands inside a body.
         """
         self.scene = scene
-        mi = backend.mitsuba()
-        shapes = [*(_shape(body, scene.finish) for body in scene.bodies), *scene.shapes]
+        bodies = (_shape(body, bsdf.of(body, scene.finish)) for body in scene.bodies)
+        shapes = [*bodies, *scene.shapes]
         self.shapes = shapes
-        self.mitsuba: Any = mi.load_dict(
-            {"type": "scene", **{f"body_{i:04d}": shape for i, shape in enumerate(shapes)}}
-        )
+        self.mitsuba: Any = _scene(shapes)
         self.numbers = _numbers(shapes)  # From Dr.Jit's shape handle to the body's number.
         self._diffuse = _diffuse(scene, shapes)
         # What turns rays or lets them pass; None where nothing does.
@@ -49,6 +48,19 @@ class Stage:
         if self.specular and self.specular.has_panes:
             albedo *= 1 - own.eval_null_transmission(si, si.is_valid())[0]
         return albedo
+
+    @cached_property
+    def evenly_lit(self) -> Any:
+        """The Mitsuba scene whose surfaces' own albedo is `albedo`, for variants that ask it."""
+        bodies, finish = self.scene.bodies, self.scene.finish
+        others = [bsdf.evenly_lit(body, finish) for body in bodies]
+        if not any(others):
+            return self.mitsuba
+        replaced = [
+            shape if other is None else _shape(body, other)
+            for shape, body, other in zip(self.shapes, bodies, others, strict=False)
+        ]
+        return _scene([*replaced, *self.shapes[len(bodies) :]])
 
     def of(self, scene: Scene) -> Stage:
         """The stage of another scene; where its surfaces are the same they are shared."""
@@ -133,12 +145,18 @@ def _diffuse(scene: Scene, shapes: list[Any]) -> list[Any]:
     return table
 
 
-def _shape(body: Body, finish: Finish) -> Any:
-    """Make one Mitsuba mesh with its BSDF."""
+def _scene(shapes: list[Any]) -> Any:
+    """Mitsuba's scene of shapes, in their order."""
+    named = {f"body_{number:04d}": shape for number, shape in enumerate(shapes)}
+    return backend.mitsuba().load_dict({"type": "scene", **named})
+
+
+def _shape(body: Body, surface: dict[str, Any]) -> Any:
+    """Make one Mitsuba mesh with a BSDF."""
     mi = backend.mitsuba()
     mesh = body.mesh
     props = mi.Properties()
-    props["bsdf"] = mi.load_dict(bsdf.of(body, finish))
+    props["bsdf"] = mi.load_dict(surface)
     props["face_normals"] = mesh.normals is None
     shape = mi.Mesh(
         body.name,
