@@ -193,8 +193,8 @@ def _codes(share: Array) -> NDArray[np.uint8]:
     return np.rint(255 * np.clip(share, 0, 1)).astype(np.uint8)
 
 
-def _fitting(image: NDArray[np.uint8], interpolation: int) -> NDArray[np.uint8]:
-    """Reduce an image that is wider than a picture."""
+def fitting(image: NDArray[np.uint8], interpolation: int) -> NDArray[np.uint8]:
+    """Reduce an image (h, w) or (h, w, 3) that is wider than a picture."""
     height, width = image.shape[:2]
     if width <= _PANEL_PX:
         return image
@@ -203,7 +203,7 @@ def _fitting(image: NDArray[np.uint8], interpolation: int) -> NDArray[np.uint8]:
 
 
 def _whole(grey: NDArray[np.uint8]) -> bytes:
-    return png.encode(_fitting(grey, cv2.INTER_AREA))
+    return png.encode(fitting(grey, cv2.INTER_AREA))
 
 
 def _zoomed(grey: NDArray[np.uint8], crop: Crop) -> bytes:
@@ -220,6 +220,6 @@ def _coloured(share: Array) -> NDArray[np.uint8]:
 
 
 def _in_colour(image: NDArray[np.uint8], known: NDArray[np.bool_]) -> bytes:
-    shown = _fitting(np.ascontiguousarray(image), cv2.INTER_AREA)
-    seen = _fitting(known.astype(np.uint8), cv2.INTER_NEAREST) > 0
+    shown = fitting(np.ascontiguousarray(image), cv2.INTER_AREA)
+    seen = fitting(known.astype(np.uint8), cv2.INTER_NEAREST) > 0
     return png.encode_colour(np.where(seen[..., None], shown, np.array(UNKNOWN, np.uint8)))

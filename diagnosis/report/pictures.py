@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.report.pictures import fitting
 from diagnosis.ground import Ground, Image
 from diagnosis.where.maps import Map
 from sim import png
@@ -17,7 +18,6 @@ Colours = NDArray[np.uint8]  # (h, w, 3) red, green, blue.
 ERROR_LIMIT_PX = 1.0  # Disparity error that is drawn fully red or blue.
 UNKNOWN = (184, 188, 194)  # Grey, of no scale below.
 HOLE = (30, 33, 38)
-_WIDEST_PX = 640
 _CELL_PX = 20
 _ZOOM, _PART = 3, 5  # A zoomed picture shows one fifth of the width, each pixel thrice,
 _LEAST_PX = 96  # and at least so many pixels of it.
@@ -75,7 +75,7 @@ def infrared(image: NDArray, limits: tuple[float, float], *, zoomed: bool = Fals
     grey = np.rint(255 * np.sqrt(share)).astype(np.uint8)
     if zoomed:
         return png.encode(_middle(grey).repeat(_ZOOM, axis=0).repeat(_ZOOM, axis=1))
-    return png.encode(_fitting(grey, cv2.INTER_AREA))
+    return png.encode(fitting(grey, cv2.INTER_AREA))
 
 
 def errors(disparity_px: Image, ground: Ground) -> bytes:
@@ -84,7 +84,7 @@ def errors(disparity_px: Image, ground: Ground) -> bytes:
     colours = _diverging(error)
     colours[~np.isfinite(disparity_px) & ground.counted] = HOLE
     colours[~ground.counted] = UNKNOWN
-    return png.encode_colour(_fitting(colours, cv2.INTER_NEAREST))
+    return png.encode_colour(fitting(colours, cv2.INTER_NEAREST))
 
 
 def _diverging(share: NDArray) -> Colours:
@@ -103,12 +103,3 @@ def _middle(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
     down = max(height * across // width, 1)
     top, left = (height - down) // 2, (width - across) // 2
     return grey[top : top + down, left : left + across]
-
-
-def _fitting(image: NDArray[np.uint8], interpolation: int) -> NDArray[np.uint8]:
-    """Reduce an image that is wider than a picture."""
-    height, width = image.shape[:2]
-    if width <= _WIDEST_PX:
-        return image
-    size = (_WIDEST_PX, max(round(height * _WIDEST_PX / width), 1))
-    return cv2.resize(image, size, interpolation=interpolation).astype(np.uint8)

@@ -80,11 +80,11 @@ def fit(
         steps: places tried between two nodes.
     """
     given = likelihood.nothing if given is None else given
-    places = _places(signature, steps)
-    cost = likelihood.cost(given + np.stack([signature.at(place) for place in places]))
+    tried = places(signature, steps)
+    cost = likelihood.cost(given + np.stack([signature.at(place) for place in tried]))
     nothing = likelihood.cost(given)
     gain = held_out(cost, nothing, folds)
-    return Fit(signature, float(places[int(np.argmin(cost.sum(axis=1)))]), gain, cost, places)
+    return Fit(signature, float(tried[int(np.argmin(cost.sum(axis=1)))]), gain, cost, tried)
 
 
 def held_out(
@@ -106,7 +106,13 @@ def held_out(
     return gain
 
 
-def _places(signature: Signature, steps: int) -> NDArray[np.float64]:
+def places(signature: Signature, steps: int) -> NDArray[np.float64]:
+    """Places from the first value to the last; of words the values' own.
+
+    Args:
+        signature: of a candidate.
+        steps: from one value to the next.
+    """
     last = len(signature.values) - 1
     return np.linspace(0, last, (last * steps if signature.candidate.numeric else last) + 1)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from diagnosis.which.bench import Bench, Table
 from diagnosis.which.candidates import Candidate
-from diagnosis.which.fit import Fit, fit, held_out
+from diagnosis.which.fit import Fit, fit, held_out, places
 from diagnosis.which.likelihood import Likelihood
 from diagnosis.which.signature import Signature, signature
 from sim.effects.effect import Value
@@ -167,9 +167,9 @@ def _start(
     best = ranked[0]
     model, most = Model((best.signature,), (best.place,), likelihood.nothing), best.total
     for one, other in itertools.combinations(ranked[:_PAIRED], 2):
-        gain, places = _both(one.signature, other.signature, likelihood, folds)
+        gain, best_at = _both(one.signature, other.signature, likelihood, folds)
         if gain > most + (threshold if len(model.terms) == 1 else 0):
-            model, most = Model((one.signature, other.signature), places, model.beside), gain
+            model, most = Model((one.signature, other.signature), best_at, model.beside), gain
     return model
 
 
@@ -177,20 +177,15 @@ def _both(
     one: Signature, other: Signature, likelihood: Likelihood, folds: Folds
 ) -> tuple[float, tuple[float, float]]:
     """Fit two effects at once."""
-    places = [_coarse_places(each) for each in (one, other)]
-    pairs = list(itertools.product(*places))
+    tried = [places(each, _COARSE) for each in (one, other)]
+    pairs = list(itertools.product(*tried))
     made = [
-        np.stack([each.at(p) for p in at]) for each, at in zip((one, other), places, strict=True)
+        np.stack([each.at(p) for p in at]) for each, at in zip((one, other), tried, strict=True)
     ]
     both = (made[0][:, None] + made[1][None]).reshape(len(pairs), *likelihood.gap.shape)
     cost = likelihood.cost(both)
     gain = held_out(cost, likelihood.cost(likelihood.nothing), folds)
     return float(gain.sum()), pairs[int(np.argmin(cost.sum(axis=1)))]
-
-
-def _coarse_places(one: Signature) -> NDArray[np.float64]:
-    last = len(one.values) - 1
-    return np.linspace(0, last, last * _COARSE + 1 if one.candidate.numeric else last + 1)
 
 
 def _simulated(bench: Bench, likelihood: Likelihood, model: Model) -> Model:
@@ -203,8 +198,7 @@ def _simulated(bench: Bench, likelihood: Likelihood, model: Model) -> Model:
         if together is None:  # They exclude each other in this sensor; their sum has to do.
             return model
         alone = Model(model.terms, model.places, np.zeros_like(together)).made()
-        beside = np.where(np.isfinite(together), together - alone, np.nan)
-        model = _fitted(likelihood, Model(model.terms, model.places, beside))
+        model = _fitted(likelihood, Model(model.terms, model.places, together - alone))
     return model
 
 
@@ -214,8 +208,8 @@ def _fitted(likelihood: Likelihood, model: Model) -> Model:
     for _ in range(_ROUNDS if len(model.terms) > 1 else 1):
         for number, one in enumerate(model.terms):
             found = fit(one, likelihood, every, given=model.made(without=number))
-            places = (*model.places[:number], found.place, *model.places[number + 1 :])
-            model = Model(model.terms, places, model.beside)
+            moved = (*model.places[:number], found.place, *model.places[number + 1 :])
+            model = Model(model.terms, moved, model.beside)
     return model
 
 

@@ -41,11 +41,6 @@ class Signature:
         low, high = float(self.values[below]), float(self.values[below + 1])
         return (1 - share) * low + share * high
 
-    @property
-    def base_place(self) -> int:
-        """Place of the base."""
-        return self.values.index(self.candidate.base)
-
 
 def signature(candidate: Candidate, bench: Bench, nodes: Sequence[Value]) -> Signature | None:
     """Simulate some of a candidate's nodes with the base's noise; None where none can be.
