@@ -59,15 +59,22 @@ class Crew:
             pool.shutdown(cancel_futures=True)
 
 
-def _begin(captures: Path, sensor: Sensor, scenes: tuple[str, ...]) -> None:
+def alone() -> None:
+    """Let this process use one core, as others use the rest."""
     import cv2
 
-    from diagnosis.subject import subject
-    from sim import backend, capture
+    from sim import backend
 
     cv2.setNumThreads(1)
     if backend.is_jit():
         backend.drjit().set_thread_count(1)
+
+
+def _begin(captures: Path, sensor: Sensor, scenes: tuple[str, ...]) -> None:
+    from diagnosis.subject import subject
+    from sim import capture
+
+    alone()
     opened = capture.open_set(captures)
     _held.update({one.name: subject(one, sensor) for one in opened.scenes if one.name in scenes})
 

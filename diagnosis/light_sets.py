@@ -2,11 +2,15 @@
 
 The other side of the check reads these files and nothing else: what a lens, an imager and a matcher
 do to the light is its own, written a second time.
+
+    python -m diagnosis.light_sets OUT SCENE [SCENE ...] [--width 640 --height 360]
 """
 
 from __future__ import annotations
 
+import argparse
 import json
+import sys
 import tempfile
 from collections.abc import Sequence
 from functools import partial
@@ -16,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis import projector_frame
-from patterns.errors import refuse
-from sim import capture_info, capture_writer, png, progress, scenes, simulate
+from diagnosis import check_camera, projector_frame
+from patterns.errors import InputError, refuse
+from sim import capture_info, capture_writer, png, progress, scenes, sensors, simulate
 from sim.effects import setting
 from sim.imager import electrons_per_radiance
 from sim.layers import Layers
@@ -28,7 +32,7 @@ from sim.sensor import Sensor
 from sim.sensor_edits import with_values
 from sim.stage import Stage
 
-LIGHT, NOMINAL = "light.npz", "nominal.json"
+LIGHT, NOMINAL, SENSOR = "light.npz", "nominal.json", "sensor.toml"
 OTHER_M = 0.2  # How far to the right another device's projector stands.
 _EVEN_PX = 64  # Of a pattern that is even light.
 
@@ -66,6 +70,7 @@ def write(
             raise refuse("scenes", "must share one ambient light", sorted(ambient), "Part them.")
         told = {**nominal(sensor), "ambient_w_m2": ambient.pop()}
         folder.write(NOMINAL, json.dumps(told, indent=1).encode())
+        folder.write(SENSOR, sensors.dumps(sensor).encode())
         for name, scene in tell(list(loaded.items()), "light"):
             place = name.replace(":", "-")
             stage = Stage(scene)
@@ -151,3 +156,28 @@ def _arrays(
             f"{side}_py": seen[..., 1],
         }
     return found
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; 1 where something is refused."""
+    parser = argparse.ArgumentParser(
+        prog="python -m diagnosis.light_sets",
+        description="Write builtin scenes as light, and the sensor that they are for.",
+    )
+    parser.add_argument("out", type=Path, help="folder to make")
+    parser.add_argument("scenes", nargs="+", help="builtin scenes, such as clutter:7")
+    parser.add_argument("--width", type=int, default=640, help="default: %(default)s")
+    parser.add_argument("--height", type=int, default=360, help="default: %(default)s")
+    asked = parser.parse_args(arguments)
+    try:
+        with progress.on_stderr() as tell:
+            sensor = check_camera.camera(asked.width, asked.height)
+            write(asked.out, asked.scenes, sensor, tell=tell)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -64,9 +64,18 @@ def matched(left: Images, right: Images, sensor: Sensor) -> Maps:
         (n, h, w) disparity [px], post-processing and range included; NaN where there is none.
     """
     as_captured = dataclasses.replace(sensor, left=dataclasses.replace(sensor.left, dropped_bits=0))
+    return measured(left, right, as_captured)
+
+
+def measured(left: Images, right: Images, sensor: Sensor) -> Maps:
+    """Match infrared pairs (n, h, w) with all the bits that the device's own matcher reads.
+
+    Returns:
+        As `matched`.
+    """
     return np.stack(
         [
-            measurement.measure(one, other, as_captured, causes={}).disparity_px
+            measurement.measure(one, other, sensor, causes={}).disparity_px
             for one, other in zip(left, right, strict=True)
         ]
     )

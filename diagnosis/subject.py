@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from diagnosis import projector_frame
 from diagnosis.ground import Ground, ground
-from diagnosis.reading import Reading, matched, read, written
+from diagnosis.reading import Maps, Reading, matched, measured, read, written
 from patterns.errors import refuse
 from sim import simulate
 from sim.capture import CapturedScene
@@ -49,40 +50,57 @@ class Subject:
             settings: value by effect's name, as `sim.effects.setting.apply` takes them.
             seed: of noise.
         """
+        sensor, pairs = self._pairs(settings, seed)
+        return _put_out(sensor, pairs)
+
+    def measure(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
+        """Simulate what a device without infrared gives; its matcher reads all bits that it has."""
+        sensor, pairs = self._pairs(settings, seed)
+        return Reading(left=None, right=None, ours_px=None, device_px=_measured(sensor, pairs))
+
+    def capture(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
+        """Simulate all that a device gives: infrared as it is put out, and its own depth."""
+        sensor, pairs = self._pairs(settings, seed)
+        return dataclasses.replace(_put_out(sensor, pairs), device_px=_measured(sensor, pairs))
+
+    def rematch(self, settings: Mapping[str, Value], *, of: Reading | None = None) -> Reading:
+        """Match an infrared pair again, as it was put out, by a matcher with effects set.
+
+        Args:
+            settings: value by effect's name.
+            of: whose pair; the captured one where none is given.
+        """
+        sensor = setting.on_sensor(self.sensor, settings)
+        pair = self.real if of is None else of
+        assert pair.left is not None and pair.right is not None
+        maps = matched(pair.left, pair.right, sensor)
+        return dataclasses.replace(pair, device_px=written(maps, sensor))
+
+    def _pairs(
+        self, settings: Mapping[str, Value], seed: int
+    ) -> tuple[Sensor, list[simulate.Pair]]:
         sensor, scene = setting.apply(self.sensor, self.scene, settings)
         own = scene_seed(seed, self.name)
         layers = self._layers
         if any(named(name.partition(".")[0]).rerender for name in settings):
             layers = simulate.rendered(self._stage.of(scene), sensor, samples=_SAMPLES)
-        pairs = [
+        return sensor, [
             simulate.infrared(layers, scene, sensor, seed=own, frame=frame)
             for frame in range(self.frames)
         ]
-        left = np.stack([pair.left for pair in pairs])
-        right = np.stack([pair.right for pair in pairs if pair.right is not None])
-        return Reading(
-            left=left, right=right, ours_px=matched(left[:1], right[:1], sensor), device_px=None
-        )
 
-    def rematch(self, settings: Mapping[str, Value]) -> Reading:
-        """Match the real infrared pair again, by a matcher with effects set."""
-        sensor = setting.on_sensor(self.sensor, settings)
-        assert self.real.left is not None and self.real.right is not None
-        maps = matched(self.real.left, self.real.right, sensor)
-        return Reading(
-            left=self.real.left,
-            right=self.real.right,
-            ours_px=self.real.ours_px,
-            device_px=written(maps, sensor),
-        )
 
-    def measure(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
-        """Simulate what a device without infrared gives."""
-        drawn = self.simulate(settings, seed=seed)
-        assert drawn.ours_px is not None
-        sensor = setting.on_sensor(self.sensor, settings)
-        maps = written(drawn.ours_px, sensor)
-        return Reading(left=None, right=None, ours_px=None, device_px=maps)
+def _put_out(sensor: Sensor, pairs: Sequence[simulate.Pair]) -> Reading:
+    left = np.stack([pair.left for pair in pairs])
+    right = np.stack([pair.right for pair in pairs if pair.right is not None])
+    ours_px = matched(left[:1], right[:1], sensor)
+    return Reading(left=left, right=right, ours_px=ours_px, device_px=None)
+
+
+def _measured(sensor: Sensor, pairs: Sequence[simulate.Pair]) -> Maps:
+    left = np.stack([pair.matched_left for pair in pairs])
+    right = np.stack([pair.matched_right for pair in pairs if pair.matched_right is not None])
+    return written(measured(left, right, sensor), sensor)
 
 
 def subject(captured: CapturedScene, sensor: Sensor) -> Subject:

@@ -8,8 +8,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from diagnosis.howfar.closed import Closed, closed
 from diagnosis.howfar.distances import distances
 from diagnosis.reading import Reading
@@ -17,6 +15,7 @@ from diagnosis.subject import Subject
 from diagnosis.which import null
 from diagnosis.which.arm import Found
 from diagnosis.which.bench import Bench, Table
+from diagnosis.which.candidates import Arm
 from diagnosis.which.likelihood import Likelihood
 from sim.effects.effect import Value
 
@@ -47,7 +46,7 @@ def judged(locked: Sequence[Subject], settings: Settings, arms: Sequence[Found])
     """
     before = [_distances(one.real, one, {}) for one in locked]
     after = [_distances(one.real, one, settings) for one in locked]
-    floor = [_distances(_other(one, settings), one, settings) for one in locked]
+    floor = [_distances(_drawn(one, settings, _OTHER), one, settings) for one in locked]
     shares: dict[str, float] = {}
     for arm in arms:
         table, likelihood, other = _likelihoods(arm, locked)
@@ -65,35 +64,31 @@ def judged(locked: Sequence[Subject], settings: Settings, arms: Sequence[Found])
 
 
 def _distances(real: Reading, of: Subject, settings: Settings) -> dict[str, float]:
-    drawn = [of.simulate(settings, seed=seed) for seed in range(_DRAWS)]
+    drawn = [_drawn(of, settings, seed) for seed in range(_DRAWS)]
     return distances(real, drawn, of.ground, device=real.device_px is not None)
 
 
-def _other(of: Subject, settings: Settings) -> Reading:
-    """A simulated reading in the place of the real one."""
-    drawn = of.simulate(settings, seed=_OTHER)
-    device_px = drawn.ours_px if of.real.device_px is not None else None
-    return dataclasses.replace(drawn, device_px=device_px)
+def _drawn(of: Subject, settings: Settings, seed: int) -> Reading:
+    """A simulated reading of what was captured: with depth of the device's own where it was."""
+    make = of.simulate if of.real.device_px is None else of.capture
+    return make(settings, seed=seed)
 
 
 def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likelihood, Likelihood]:
     """The locked scenes' features: of the real readings, and of simulated ones in their place."""
     table = dataclasses.replace(arm.bench, subjects=tuple(locked), crew=None, _kept={})
-    base = null.base(table)
+    base, weight = null.base(table), arm.screen.weight
     other = table.simulated(arm.settings, seed=_OTHER)
-    if other is None:
-        other = base.mean + _made(table, arm.settings)
-    return table, base.likelihood(table.real(), arm.weight), base.likelihood(other, arm.weight)
+    assert other is not None
+    if table.arm is Arm.DEPTH and len(base.tables) > 1:
+        other = other + table.finer(seed=_OTHER)
+    return table, base.likelihood(table.real(), weight), base.likelihood(other, weight)
 
 
 def _made(table: Bench, settings: Settings) -> Table:
-    """What effects change together, or where they exclude each other one by one."""
-    together = table.change(settings)
-    if together is not None:
-        return together
-    alone = [table.change({name: value}) for name, value in settings.items()]
-    known = [one for one in alone if one is not None]
-    return np.sum(known, axis=0)
+    made = table.change(settings)
+    assert made is not None  # Those that exclude each other are not accepted together.
+    return made
 
 
 def _shares(arm: Found, table: Bench, likelihood: Likelihood) -> dict[str, float]:

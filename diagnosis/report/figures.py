@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from diagnosis.diagnosis import Diagnosis
+from diagnosis.howfar.judged import Judged
 from diagnosis.report import sentences
 from diagnosis.which.arm import Found
 from diagnosis.which.search import Accepted
@@ -14,11 +16,11 @@ from diagnosis.which.search import Accepted
 
 def figures(of: Diagnosis) -> dict[str, Any]:
     """Return what `starling diagnose --json` prints: NaN is None there."""
-    return _plain(
+    return plain(
         {
             "verdict": of.kind,
             "says": sentences.answer(of),
-            "effects": [_effect(arm, one) for arm in of.arms for one in arm.search.accepted],
+            "effects": effects(of.arms),
             "tell_apart": [dataclasses.asdict(one) for one in of.tell_apart],
             "where": {
                 "parts": {name: _part(part) for name, part in of.where.parts.items()},
@@ -36,15 +38,25 @@ def figures(of: Diagnosis) -> dict[str, Any]:
                 "bodies": [dataclasses.asdict(body) for body in of.where.bodies],
             },
             "which": {arm.bench.arm.value: _arm(arm) for arm in of.arms},
-            "howfar": {}
-            if of.howfar is None
-            else {name: dataclasses.asdict(one) for name, one in of.howfar.figures.items()},
+            "howfar": howfar(of.howfar),
             "shares": {} if of.howfar is None else of.howfar.shares,
             "scenes": of.scenes,
             "locked": of.locked,
             "limits": of.limits,
         }
     )
+
+
+def effects(arms: Sequence[Found]) -> list[dict[str, Any]]:
+    """What is told of each accepted effect."""
+    return [_effect(arm, one) for arm in arms for one in arm.search.accepted]
+
+
+def howfar(of: Judged | None) -> dict[str, Any]:
+    """What is told of how far the gap closes."""
+    if of is None:
+        return {}
+    return {name: dataclasses.asdict(one) for name, one in of.figures.items()}
 
 
 def _part(part: Any) -> dict[str, Any]:
@@ -73,19 +85,19 @@ def _arm(arm: Found) -> dict[str, Any]:
         "unexplained": arm.unexplained,
         "lead": arm.lead,
         "features": len(arm.bench.names),
-        "votes": float(arm.weight.sum()),
+        "votes": float(arm.screen.weight.sum()),
         "alone": [
             {"name": one.name, "value": one.value, "gain": one.total} for one in arm.search.alone
         ],
     }
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Replace what JSON has no word for."""
     if isinstance(value, dict):
-        return {name: _plain(one) for name, one in value.items()}
+        return {name: plain(one) for name, one in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
+        return [plain(one) for one in value]
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     return value

@@ -68,7 +68,7 @@ def _made(of: Diagnosis) -> str:
         [
             escape(said.STAGES[arm.bench.arm.value].capitalize()),
             str(len(arm.bench.names)),
-            number(float(arm.weight.sum()), ".1f"),
+            number(float(arm.screen.weight.sum()), ".1f"),
             number(arm.search.threshold, ".1f"),
             number(arm.search.before, ".3g"),
             number(arm.search.after, ".3g"),

@@ -24,7 +24,7 @@ def section(of: Shown, *, locked: bool, named: bool) -> str:
     if named:
         said.append(f"It had {'no' if locked else 'a'} say in what is named.")
     if of.after is None:
-        said.append("There is no picture after: no effect is accepted, or some exclude each other.")
+        said.append("There is no picture after: nothing was named that can be set.")
     return (prose(*said) if said else "") + _infrared(of) + _errors(of)
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from diagnosis.ground import Ground
 from diagnosis.reading import Reading
 from diagnosis.subject import Subject
-from patterns.errors import InputError
 from sim.effects.effect import Value
 
 _SEED = 0
@@ -21,7 +20,7 @@ class Shown:
     scene: str
     real: Reading
     before: Reading  # Simulated with the base.
-    after: Reading | None  # With the accepted effects; None without any, or where they exclude.
+    after: Reading | None  # With effects; None without any.
     ground: Ground
 
 
@@ -30,21 +29,12 @@ def shown(of: Subject, settings: Mapping[str, Value]) -> Shown:
 
     Args:
         of: the scene.
-        settings: value by accepted effect.
+        settings: value by effect; none: nothing is simulated after.
     """
     return Shown(
         scene=of.name,
         real=of.real,
         before=of.simulate({}, seed=_SEED),
-        after=_after(of, settings),
+        after=of.simulate(settings, seed=_SEED) if settings else None,
         ground=of.ground,
     )
-
-
-def _after(of: Subject, settings: Mapping[str, Value]) -> Reading | None:
-    if not settings:
-        return None
-    try:
-        return of.simulate(settings, seed=_SEED)
-    except InputError:  # Effects that exclude each other in this sensor were only added up.
-        return None

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from diagnosis.ground import COVARIATES
 from diagnosis.which import null, search
 from diagnosis.which.bench import Bench
-from diagnosis.which.candidates import Candidate
+from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit, folds
 from diagnosis.which.likelihood import Likelihood, weights
 from diagnosis.which.null import Base
 from diagnosis.which.search import Search
-from diagnosis.which.signature import signature
+from diagnosis.which.signature import Signature, signature
 from sim import progress
 from sim.effects.effect import Value
 
@@ -29,12 +29,23 @@ _LEAD = 3.0  # Mean deviations of a group from which it is a lead.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Screen:
+    """What one arm's effects do to the scenes, whatever was captured of them."""
+
+    base: Base
+    rough: tuple[Signature, ...]  # Of few strengths.
+    weight: NDArray[np.float64]  # (features,)
+    folds: tuple[NDArray[np.bool_], ...]
+    threshold: float  # Least gain of an effect.
+    noise: float  # Largest size of a gap that seeds alone make.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Found:
     """What one arm says."""
 
     bench: Bench
-    base: Base
-    weight: NDArray[np.float64]  # (features,)
+    screen: Screen
     likelihood: Likelihood
     search: Search
     lead: tuple[str, ...]  # Groups of features that stay unexplained, the worst first.
@@ -50,13 +61,13 @@ class Found:
         return self.search.after > UNEXPLAINED + OF_BEFORE * self.search.before
 
 
-def diagnosed(
+def screen(
     bench: Bench,
     candidates: Sequence[Candidate],
     *,
     tell: progress.Progress = progress.silent,
-) -> Found:
-    """Find the effects of one arm.
+) -> Screen:
+    """Simulate what may have acted.
 
     Args:
         bench: subjects and arm.
@@ -64,25 +75,56 @@ def diagnosed(
         tell: wraps loops that take long.
     """
     base = null.base(bench)
-    rough = [
+    if bench.arm is Arm.DEPTH and _same(bench, base):
+        candidates = ()
+    rough = tuple(
         made
         for one in tell(list(candidates), f"effects on the {bench.arm.value}")
         if (made := signature(one, bench, search.coarse(one))) is not None
-    ]
+    )
     weight = weights(rough, base.deviation)
-    likelihood = base.likelihood(bench.real(), weight)
     held = folds([one.room for one in bench.subjects])
-    alone = sorted((fit(one, likelihood, held) for one in rough), key=lambda one: -one.total)
-    threshold = null.threshold(null.gains(base, rough, weight, held))
+    return Screen(
+        base=base,
+        rough=rough,
+        weight=weight,
+        folds=tuple(held),
+        threshold=null.threshold(null.gains(base, rough, weight, held)),
+        noise=null.size(base, weight),
+    )
+
+
+def _same(bench: Bench, base: Base) -> bool:
+    """Whether no feature of any scene is off: then nothing has to be matched again."""
+    off = np.abs(bench.real() - base.mean) / base.deviation
+    return bool((np.nan_to_num(off) <= 1).all())
+
+
+def diagnosed(bench: Bench, screen: Screen) -> Found:
+    """Find the effects of one arm.
+
+    Args:
+        bench: subjects and arm.
+        screen: of a bench with the same scenes, and in the arm of matcher and filters also the same
+            captures.
+    """
+    likelihood = screen.base.likelihood(bench.real(), screen.weight)
+    alone = sorted(
+        (fit(one, likelihood, screen.folds) for one in screen.rough), key=lambda one: -one.total
+    )
     closer = [one.signature.candidate for one in alone[:CLOSER] if one.total > 0]
-    worth_it = likelihood.size(likelihood.nothing) > null.size(base, weight)
+    worth_it = likelihood.size(likelihood.nothing) > screen.noise
     found = search.search(
-        bench, likelihood, closer if worth_it else [], alone, held, threshold=threshold
+        bench,
+        likelihood,
+        closer if worth_it else [],
+        alone,
+        screen.folds,
+        threshold=screen.threshold,
     )
     return Found(
         bench=bench,
-        base=base,
-        weight=weight,
+        screen=screen,
         likelihood=likelihood,
         search=found,
         lead=_lead(bench.names, found.left),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +23,9 @@ from sim.effects.effect import Value
 
 Row = NDArray[np.float64]  # (features,)
 Table = NDArray[np.float64]  # (scenes, features); NaN where a feature has too few pixels.
+Make = Callable[..., Row | None]  # Of a subject, columns and more.
 
-_MADE = 1  # Of the features: another number, and what is kept is made again.
+_MADE = 2  # Of the features: another number, and what is kept is made again.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,6 +57,13 @@ class Bench:
         """Of the features."""
         return self.columns.names
 
+    def of(self, subjects: Sequence[Subject]) -> Bench:
+        """The same scenes, captured otherwise; in the arm of matcher and filters nothing of what
+        was simulated holds for them.
+        """
+        assert self.arm is not Arm.DEPTH
+        return dataclasses.replace(self, subjects=tuple(subjects))
+
     def real(self) -> Table:
         """What was captured."""
         return np.stack([_row(one.real, one, self.columns) for one in self.subjects])
@@ -64,14 +74,25 @@ class Bench:
         Equal seeds share all noise. Nothing is simulated twice.
         """
         asked = dict(sorted(settings.items()))
-        keys = [(number, repr(list(asked.items())), seed) for number in range(len(self.subjects))]
+        return self._rows(repr(list(asked.items())), seed, simulated_row, asked)
+
+    def finer(self, *, seed: int) -> Table:
+        """What a device's own depth differs by from the depth of its images matched again, as its
+        matcher reads bits that its images are put out without.
+        """
+        rows = self._rows("finer", seed, finer_row)
+        assert rows is not None
+        return rows
+
+    def _rows(self, text: str, seed: int, make: Make, *arguments: Any) -> Table | None:
+        keys = [(number, text, seed) for number in range(len(self.subjects))]
         for key in keys:
             kept = self._path(*key)
             if key not in self._kept and kept is not None and kept.is_file():
                 row = np.load(kept, allow_pickle=False)
                 self._kept[key] = row if row.size else None
         missing = [key for key in keys if key not in self._kept]
-        for key, row in zip(missing, self._made(missing, asked, seed), strict=True):
+        for key, row in zip(missing, self._made(missing, make, *arguments, seed), strict=True):
             self._kept[key] = row
             kept = self._path(*key)
             if kept is not None:
@@ -87,18 +108,15 @@ class Bench:
         return None if with_effects is None else with_effects - base
 
     def _made(
-        self, keys: Sequence[tuple[int, str, int]], settings: Mapping[str, Value], seed: int
+        self, keys: Sequence[tuple[int, str, int]], make: Make, *arguments: Any
     ) -> Iterator[Row | None]:
         subjects = [self.subjects[number] for number, _, _ in keys]
         if self.crew is None:
             for one in subjects:
-                yield simulated_row(one, self.columns, settings, seed)
+                yield make(one, self.columns, *arguments)
         else:
             crew = self.crew
-            futures = [
-                crew.submit(one.name, simulated_row, self.columns, settings, seed)
-                for one in subjects
-            ]
+            futures = [crew.submit(one.name, make, self.columns, *arguments) for one in subjects]
             yield from (future.result() for future in futures)
 
     def _path(self, number: int, text: str, seed: int) -> Path | None:
@@ -137,6 +155,12 @@ def simulated_row(
         return _row(_simulated(of, columns.arm, settings, seed), of, columns)
     except InputError:
         return None
+
+
+def finer_row(of: Subject, columns: Columns, seed: int) -> Row:
+    """One scene's row of `Bench.finer`."""
+    own = of.capture({}, seed=seed)
+    return _row(own, of, columns) - _row(of.rematch({}, of=own), of, columns)
 
 
 def _simulated(of: Subject, arm: Arm, settings: Mapping[str, Value], seed: int) -> Reading:

@@ -58,10 +58,19 @@ def _mean(values: NDArray[np.float64], axis: int | tuple[int, ...]) -> NDArray[n
 
 
 def base(bench: Bench, *, seeds: int = SEEDS) -> Base:
-    """Simulate the base; matching a real pair again draws nothing, so there one table is all."""
-    numbers = range(1 if bench.arm is Arm.DEPTH else seeds)
-    tables = [bench.simulated({}, seed=number) for number in numbers]
-    return Base(np.stack([one for one in tables if one is not None]), floors(bench.names))
+    """Simulate the base.
+
+    Matching a real pair again draws nothing: there one table is all, unless the device's own
+    matcher reads finer bits, which are drawn.
+    """
+    if bench.arm is Arm.DEPTH:
+        again = bench.simulated({})
+        assert again is not None
+        drawn = range(seeds if bench.subjects[0].sensor.left.dropped_bits else 0)
+        tables = [again + bench.finer(seed=number) for number in drawn] or [again]
+        return Base(np.stack(tables), floors(bench.names))
+    found = [bench.simulated({}, seed=number) for number in range(seeds)]
+    return Base(np.stack([one for one in found if one is not None]), floors(bench.names))
 
 
 def floors(names: Sequence[str]) -> NDArray[np.float64]:

@@ -120,18 +120,12 @@ def search(
         for one in (signature(each, bench, each.nodes) for each in candidates)
         if one is not None
     ]
-    model = _start(signatures, likelihood, folds, threshold)
-    model = _simulated(bench, likelihood, model)
+    starts = _starts(signatures, likelihood, folds, threshold)
+    nothing = Model((), (), likelihood.nothing)
+    model = next(filter(None, (_simulated(bench, likelihood, one) for one in starts)), nothing)
     while model.terms and len(model.terms) < MOST:
-        used = {one.name for one in model.terms}
-        rest = [one for one in signatures if one.name not in used]
-        found = _ranked(rest, likelihood, folds, model.made())
-        if not found or found[0].total < threshold:
-            break
-        best = found[0]
-        wider = Model((*model.terms, best.signature), (*model.places, best.place), model.beside)
-        wider = _simulated(bench, likelihood, wider)
-        if _gain(likelihood, wider, model) < threshold:
+        wider = _wider(model, bench, likelihood, signatures, folds, threshold)
+        if wider is None:
             break
         model = wider
     model = _thinned(bench, likelihood, model, threshold)
@@ -156,21 +150,44 @@ def _ranked(
     return sorted(fits, key=lambda one: -one.total)
 
 
-def _start(
+def _starts(
     signatures: Sequence[Signature], likelihood: Likelihood, folds: Folds, threshold: float
-) -> Model:
-    """The best effect, or the best two where no single one does as well."""
+) -> list[Model]:
+    """Two effects that gain more than any single one, the best such pair first; the best effect."""
     ranked = _ranked(signatures, likelihood, folds, likelihood.nothing)
-    nothing = Model((), (), likelihood.nothing)
     if not ranked or ranked[0].total < threshold:
-        return nothing
+        return []
     best = ranked[0]
-    model, most = Model((best.signature,), (best.place,), likelihood.nothing), best.total
+    pairs: list[tuple[float, Model]] = []
     for one, other in itertools.combinations(ranked[:_PAIRED], 2):
         gain, best_at = _both(one.signature, other.signature, likelihood, folds)
-        if gain > most + (threshold if len(model.terms) == 1 else 0):
-            model, most = Model((one.signature, other.signature), best_at, model.beside), gain
-    return model
+        if gain > best.total + threshold:
+            terms = (one.signature, other.signature)
+            pairs.append((gain, Model(terms, best_at, likelihood.nothing)))
+    pairs.sort(key=lambda each: -each[0])
+    alone = Model((best.signature,), (best.place,), likelihood.nothing)
+    return [*(model for _, model in pairs), alone]
+
+
+def _wider(
+    model: Model,
+    bench: Bench,
+    likelihood: Likelihood,
+    signatures: Sequence[Signature],
+    folds: Folds,
+    threshold: float,
+) -> Model | None:
+    """Add the effect that gains most, if it gains enough."""
+    used = {one.name for one in model.terms}
+    rest = [one for one in signatures if one.name not in used]
+    for best in _ranked(rest, likelihood, folds, model.made()):
+        if best.total < threshold:
+            break
+        wider = Model((*model.terms, best.signature), (*model.places, best.place), model.beside)
+        wider = _simulated(bench, likelihood, wider)
+        if wider is not None:  # Else the next.
+            return wider if _gain(likelihood, wider, model) >= threshold else None
+    return None
 
 
 def _both(
@@ -188,15 +205,16 @@ def _both(
     return float(gain.sum()), pairs[int(np.argmin(cost.sum(axis=1)))]
 
 
-def _simulated(bench: Bench, likelihood: Likelihood, model: Model) -> Model:
-    """Fit strengths, simulate the effects together, and fit again with what that adds."""
-    if not model.terms:
-        return model
+def _simulated(bench: Bench, likelihood: Likelihood, model: Model) -> Model | None:
+    """Fit strengths, simulate the effects together, and fit again with what that adds.
+
+    None where they exclude each other in this sensor.
+    """
     model = _fitted(likelihood, model)
     for _ in range(2):
         together = bench.change(model.settings)
-        if together is None:  # They exclude each other in this sensor; their sum has to do.
-            return model
+        if together is None:
+            return None
         alone = Model(model.terms, model.places, np.zeros_like(together)).made()
         model = _fitted(likelihood, Model(model.terms, model.places, together - alone))
     return model
@@ -229,7 +247,7 @@ def _thinned(bench: Bench, likelihood: Likelihood, model: Model, threshold: floa
             likelihood.nothing,
         )
         less = _simulated(bench, likelihood, less)
-        if _gain(likelihood, model, less) < threshold:
+        if less is not None and _gain(likelihood, model, less) < threshold:
             model = less
     return model
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import starling
-from diagnosis import diagnosis, light_sets, reading, subject
+from diagnosis import light_sets, named, reading, subject
 from diagnosis.tell_apart import MENU, tell_apart
 from diagnosis.which.candidates import Arm
 from diagnosis.which.candidates import candidates as all_candidates
@@ -55,7 +55,7 @@ def diagnosed(
 ) -> Callable[..., dict[str, Any]]:
     """Run the verb with few effects in its table, and read what it prints."""
     monkeypatch.setattr(
-        diagnosis,
+        named,
         "candidates",
         lambda *asked: [one for one in all_candidates(*asked) if one.name in TRIED],
     )

@@ -60,7 +60,7 @@ class FakeBench:
         self.together = together
 
     def change(self, settings: dict[str, Any]) -> np.ndarray | None:
-        if settings.get("veil") == VALUES[-1] and "crosstalk" in settings:
+        if settings.get("veil", 0) > 0.8 and "crosstalk" in settings:
             return None
         table = np.zeros((SCENES, FEATURES))
         for name, value in settings.items():
@@ -144,7 +144,7 @@ def test_what_two_effects_make_only_together_is_simulated():
     assert set(found.settings) == {"crosstalk", "lens_blur"} and found.after < 2
 
 
-def test_effects_that_exclude_each_other_are_added_up():
+def test_effects_that_exclude_each_other_are_not_named_together():
     alone = FakeBench().change({"crosstalk": 0.4})
     full = FakeBench().change({"veil": 1.0})
     assert alone is not None and full is not None
@@ -157,7 +157,7 @@ def test_effects_that_exclude_each_other_are_added_up():
         HELD,
         threshold=null.LEAST_GAIN,
     )
-    assert set(found.settings) == {"crosstalk", "veil"}
+    assert found.settings and FakeBench().change(found.settings) is not None
 
 
 def test_three_effects_are_named_one_after_the_other():

@@ -1,0 +1,165 @@
+"""Diagnosis of many capture sets of the same scenes, which is given nothing but these.
+
+    python -m diagnosis.batch CASES OUT --sensor FILE [--cache FOLDER] [--without FILE]
+
+CASES holds capture sets in folders of their own; OUT gets a verdict FOLDER.json for each. Verdicts
+that are there stay, so a run that was stopped goes on where it was. What effects do to the scenes
+is simulated once for all. `starling diagnose` says more of one capture set.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from diagnosis import crew, named
+from diagnosis.reading import read
+from diagnosis.report import figures
+from diagnosis.subject import Subject, subject
+from diagnosis.which import rivals
+from diagnosis.which.arm import Found, Screen
+from diagnosis.which.bench import Bench
+from diagnosis.which.candidates import Arm
+from patterns.errors import InputError, refuse
+from sim import capture, effects, output, progress, record, sensors
+from sim.capture import CaptureSet
+from sim.sensor import Sensor
+
+
+def diagnose(
+    cases: Path,
+    out: Path,
+    sensor: Sensor,
+    *,
+    cache: Path | None = None,
+    without: dict[str, str] | None = None,
+    tell: progress.Progress = progress.silent,
+) -> None:
+    """Write a verdict for every capture set that has none yet.
+
+    Args:
+        cases: folder of capture sets of the same scenes.
+        out: folder of verdicts; made where there is none.
+        sensor: that all of them should be captures of.
+        cache: folder that keeps what is simulated, for other runs.
+        without: by capture set an effect whose family is not to be tried; then only those named
+            here are diagnosed.
+        tell: wraps the loop over capture sets.
+
+    Raises:
+        InputError: if there is no capture set, one is damaged or shows other scenes than the first,
+            or an effect is not known.
+    """
+    folders = sorted(path.parent for path in cases.glob("*/capture.toml"))
+    if not folders:
+        raise refuse("cases", "must hold capture sets", cases, "Take captures first.")
+    if without is not None:
+        folders = [folder for folder in folders if folder.name in without]
+    todo = [folder for folder in folders if not (out / f"{folder.name}.json").exists()]
+    subjects: list[Subject] = []
+    kept: dict[tuple[Arm, str | None], tuple[Bench, Screen]] = {}
+    for number, folder in enumerate(tell(todo, "capture sets")):
+        begun = time.perf_counter()
+        subjects = _subjects(capture.open_set(folder), sensor, subjects)
+        asked, locked = named.parted(subjects)
+        left_out = None if without is None else without[folder.name]
+        screens = []
+        for arm in named.open_arms(asked):
+            known = kept.get((arm, left_out))
+            if known is None:
+                # What is matched again is another case's no longer.
+                place = None if arm is Arm.DEPTH else cache
+                screen = named.screened(arm, asked, _families(left_out), cache=place)
+            else:
+                screen = (known[0].of(asked), known[1])
+            if arm is not Arm.DEPTH:
+                kept[arm, left_out] = screen
+            screens.append(screen)
+        found = named.named(screens, locked)
+        told = {
+            "verdict": found.kind,
+            "effects": sorted(figures.effects(found.arms), key=lambda one: -one["gain"]),
+            "left": {arm.bench.arm.value: arm.search.after for arm in found.arms},
+            "howfar": figures.howfar(found.howfar),
+            "baselines": _baselines(found.arms[:1], seed=number),
+            "seconds": round(time.perf_counter() - begun, 3),
+        }
+        output.write_file(out / f"{folder.name}.json", record.dumps(figures.plain(told)).encode())
+
+
+def _subjects(opened: CaptureSet, sensor: Sensor, before: Sequence[Subject]) -> list[Subject]:
+    """Scenes of a capture set; what is known of them is taken over from the one before."""
+    if not before:
+        return [subject(scene, sensor) for scene in opened.scenes]
+    names, known = [one.name for one in opened.scenes], [one.name for one in before]
+    if names != known:
+        raise refuse(
+            "scenes", "must be the same in all capture sets", (opened.path.name, names), "Part it."
+        )
+    return [
+        dataclasses.replace(one, real=read(scene, sensor), frames=len(scene.frames))
+        for one, scene in zip(before, opened.scenes, strict=True)
+    ]
+
+
+def _families(left_out: str | None) -> list[str] | None:
+    """Families that are tried: all but that of one effect."""
+    if left_out is None:
+        return None
+    gone = effects.named(left_out).family
+    return sorted({row.family for row in effects.table()} - {gone})
+
+
+def _baselines(arms: Sequence[Found], *, seed: int) -> dict[str, str | None]:
+    """What simpler ways name, from the images where there are any."""
+    found: dict[str, str | None] = {}
+    for arm in arms:
+        rough = arm.screen.rough
+        found = {
+            "largest_drop": rivals.largest_drop(rough, arm.likelihood),
+            "cosine": rivals.nearest(rough, arm.likelihood),
+            "random": rivals.by_lot(rough, seed=seed),
+        }
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; 1 where something is refused."""
+    parser = argparse.ArgumentParser(
+        prog="python -m diagnosis.batch",
+        description="Diagnose many capture sets of the same scenes.",
+    )
+    parser.add_argument("cases", type=Path, help="folder of capture sets")
+    parser.add_argument("out", type=Path, help="folder for a verdict FOLDER.json of each")
+    parser.add_argument("--sensor", required=True, help="preset or sensor file of all of them")
+    parser.add_argument("--cache", type=Path, help="folder that keeps what is simulated")
+    parser.add_argument(
+        "--without",
+        type=Path,
+        help="JSON file: by capture set an effect whose family is not to be tried; others wait",
+    )
+    asked = parser.parse_args(arguments)
+    crew.alone()
+    try:
+        with progress.on_stderr() as tell:
+            diagnose(
+                asked.cases,
+                asked.out,
+                sensors.load(asked.sensor),
+                cache=asked.cache,
+                without=None if asked.without is None else json.loads(asked.without.read_text()),
+                tell=tell,
+            )
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,79 @@
+"""Depth of capture sets that have infrared alone, by our matcher.
+
+    python -m diagnosis.own_depth CASES --sensor FILE
+
+For the check on withheld effects: a device whose matcher is known, so that filters behind it can be
+withheld. CASES holds capture sets in folders of their own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from diagnosis import crew
+from diagnosis.reading import measured
+from patterns.errors import InputError, refuse
+from sim import capture, output, png, progress, sensors
+from sim.capture import CapturedScene
+from sim.sensor import Sensor
+
+DEPTH = "depth.png"
+
+
+def write(cases: Path, sensor: Sensor, *, tell: progress.Progress = progress.silent) -> None:
+    """Match every infrared pair that has no depth beside it.
+
+    Args:
+        cases: folder of capture sets.
+        sensor: whose matcher and depth unit are taken.
+        tell: wraps the loop over capture sets.
+
+    Raises:
+        InputError: if there is no capture set or one is damaged.
+    """
+    folders = sorted(path.parent for path in cases.glob("*/capture.toml"))
+    if not folders:
+        raise refuse("cases", "must hold capture sets", cases, "Take captures first.")
+    for folder in tell(folders, "depth"):
+        for scene in capture.open_set(folder).scenes:
+            for number in scene.frames:
+                path = scene.path / str(number) / DEPTH
+                if not path.exists():
+                    output.write_file(path, png.encode(_codes(scene, number, sensor)))
+
+
+def _codes(scene: CapturedScene, number: int, sensor: Sensor) -> np.ndarray:
+    frame = scene.frame(number)
+    if frame.ir_left is None or frame.ir_right is None:
+        raise refuse("capture", "must be an infrared pair", scene.path, "Take it again.")
+    (disparity_px,) = measured(frame.ir_left[None], frame.ir_right[None], sensor)
+    depth_m = scene.info.fx_px * scene.info.baseline_m / disparity_px
+    code = np.nan_to_num(np.rint(depth_m / scene.info.depth_unit_m))
+    return np.where(code <= np.iinfo(np.uint16).max, code, 0).astype(np.uint16)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; 1 where something is refused."""
+    parser = argparse.ArgumentParser(
+        prog="python -m diagnosis.own_depth", description="Match infrared pairs of capture sets."
+    )
+    parser.add_argument("cases", type=Path, help="folder of capture sets")
+    parser.add_argument("--sensor", required=True, help="preset or sensor file of all of them")
+    asked = parser.parse_args(arguments)
+    crew.alone()
+    try:
+        with progress.on_stderr() as tell:
+            write(asked.cases, sensors.load(asked.sensor), tell=tell)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
