@@ -1,4 +1,4 @@
-"""The camera of the check on withheld effects: what is believed of it before anything is done to it."""
+"""The camera of the check on withheld effects: what is believed before anything is done to it."""
 
 from __future__ import annotations
 
