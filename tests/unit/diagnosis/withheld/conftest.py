@@ -6,11 +6,15 @@ import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from diagnosis.withheld.catalogue import Strengths
+from diagnosis.withheld import verdict
+from diagnosis.withheld.answered import Answered
+from diagnosis.withheld.case import Case, CaseKind
+from diagnosis.withheld.catalogue import ROWS, Strengths
 from diagnosis.withheld.chain import Pair, expose
 from diagnosis.withheld.dots import Dots, gather
 from diagnosis.withheld.draws import Draws
@@ -128,6 +132,72 @@ def light_set(tmp_path: Path, light: Light) -> Path:
     (folder / "nominal.json").write_text(json.dumps(TABLE))
     (folder / "capture.toml").write_text(CAPTURE)
     return folder
+
+
+Effect = Callable[..., dict[str, Any]]
+Say = Callable[..., dict[str, Any]]
+Answer = Callable[..., Answered]
+
+
+@pytest.fixture(scope="session")
+def effect() -> Effect:
+    """Give `effect("lens_blur", 0.8, "dot_blur")`: an effect and rivals, as a verdict lists it."""
+
+    def listed(
+        name: str, value: float | str = 1.0, *rivals: str, arm: str = "image", gain: float = 10.0
+    ) -> dict[str, Any]:
+        ends = [value, value] if isinstance(value, str) else [value - 0.1, value + 0.1]
+        return {
+            "name": name,
+            "arm": arm,
+            "parameters": {name: value},
+            "interval": ends,
+            "set": [name, *rivals],
+            "gain": gain,
+            "base": "keys unknown here are left aside",
+        }
+
+    return listed
+
+
+@pytest.fixture(scope="session")
+def say() -> Say:
+    """Give `say(kind, *effects, closed=90.0, metric=..., **baselines)`: a verdict's JSON."""
+
+    def said(
+        kind: str,
+        *effects: dict[str, Any],
+        closed: float | None = 90.0,
+        metric: str = "features of the image",
+        **baselines: str | None,
+    ) -> dict[str, Any]:
+        figures = {"before": 2.0, "after": 1.1, "floor": 1.0, "closed_pct": closed}
+        return {
+            "verdict": kind,
+            "effects": list(effects),
+            "howfar": {metric: {**figures, "interval": [80.0, 95.0]}},
+            "baselines": baselines,
+            "seconds": 2.0,
+        }
+
+    return said
+
+
+@pytest.fixture(scope="session")
+def answer() -> Answer:
+    """Give `answer({"lens_blur": 0.8}, said, number=3, scenes=0)`: a case and its verdict."""
+
+    def answered(
+        settings: dict[str, float], said: dict[str, Any], number: int = 0, scenes: int = 0
+    ) -> Answered:
+        rows = [ROWS[name] for name in settings if name in ROWS]
+        kinds: tuple[CaseKind, ...] = ("null", "single", "pair")
+        outside = any(row.kind == "outside" for row in rows)
+        kind = "unknown" if outside else kinds[len(rows)]
+        case = Case(number=number, kind=kind, settings=settings, seed=1)
+        return Answered(case=case, verdict=verdict.from_table(said), scenes=scenes)
+
+    return answered
 
 
 def _view(camera: Nominal, directions: np.ndarray, at_x_m: float) -> View:

@@ -21,11 +21,13 @@ STANDARD = {
     "dataclasses",
     "functools",
     "hashlib",
+    "itertools",
     "json",
     "math",
     "os",
     "pathlib",
     "shutil",
+    "textwrap",
     "typing",
     "zipfile",
 }

@@ -1,0 +1,70 @@
+"""Scores as text: all of them, aligned, and every failure."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from diagnosis.withheld.nominal import Nominal
+from diagnosis.withheld.power import curves
+from diagnosis.withheld.score import score
+from diagnosis.withheld.score_table import power, text
+
+Make = Callable[..., Any]
+
+
+def test_text_of_scores(effect: Make, say: Make, answer: Make, camera: Nominal) -> None:
+    blur = {"lens_blur": 0.8}
+    right = say("effects", effect("lens_blur", 0.8, "dot_blur"), cosine="lens_blur")
+    wrong = say("effects", effect("dot_blur", 2.0), cosine=None)
+    cases = [answer(blur, right, number=i, scenes=i % 2) for i in range(5)]
+    cases += [answer(blur, wrong, number=5, scenes=1), answer({}, say("no gap"), number=6)]
+    found = score(cases, camera, tier=1, left_out=[answer(blur, right, number=0)])
+    written = text(json.loads(json.dumps(found)))
+    lines = written.splitlines()
+    assert lines[0] == "Withheld effects, tier 1: 1 null, 6 single, 0 pair, 1 unknown; 16 s"
+    by_words = {line.split("  ")[0]: line.split() for line in lines}
+    assert by_words["one effect: named first"][-6:] == ["0.667", "to", "1", ">=", "0.90", "MISSED"]
+    assert by_words["no effect: a gap alarmed of"][-3:] == ["<=", "0.05", "reached"]
+    assert by_words["two effects: both in sets"][-4:] == [">=", "0.75", "not", "told"]
+    assert by_words["lens_blur"] == ["lens_blur", "6", "0.833", "0.833", "0", "90"]
+    assert by_words["cosine"] == ["cosine", "0.833"]
+    assert "lens_blur: lens_blur 5, dot_blur 1" in lines
+    assert "left out: lens_blur: lens_blur 1" in lines
+    assert lines[-3:] == [
+        "Failures, 2:",
+        "case 0, scenes 0: left out: lens_blur 0.8: said lens_blur 0.8 (or dot_blur)",
+        "case 5, scenes 1: lens_blur 0.8: said dot_blur 2",
+    ]
+    table = lines[2 : lines.index("", 2)]
+    assert len({line.index(">= 0.90") + 7 for line in table if ">= 0.90" in line}) == 1
+    ends = {len(line) for line in table if line.endswith(("reached", "MISSED", "not told"))}
+    assert len(ends) == 1
+
+
+def test_text_is_plain_and_narrow(effect: Make, say: Make, answer: Make, camera: Nominal) -> None:
+    rivals = [f"some_rather_long_name_{i}" for i in range(12)]
+    said = say("effects", *(effect(name, 1.0, *rivals) for name in rivals))
+    cases = [answer({"lens_blur": 0.8}, said, number=i) for i in range(2)]
+    many = [answer({"lens_blur": 0.8}, say("effects", effect(name))) for name in rivals]
+    written = text(score([*cases, *many], camera, tier=2))
+    assert written.isascii()
+    assert max(map(len, written.splitlines())) <= 120
+    assert all(line == line.rstrip() for line in written.splitlines())
+
+
+def test_text_of_nothing(camera: Nominal) -> None:
+    written = text(score([], camera, tier=4))
+    assert written.startswith("Withheld effects, tier 4: 0 null, 0 single, 0 pair, 0 unknown; 0 s")
+    assert written.endswith("\n\nFailures, 0:\nnone\n")
+    assert "Answers by truth" not in written
+
+
+def test_text_of_power_curves(say: Make, answer: Make, camera: Nominal) -> None:
+    found = curves([answer({"veil": 0.05}, say("no gap"))], camera, {"veil": [0.05, 0.1]})
+    assert power(found).splitlines() == [
+        "effect  departure  cases  named  found",
+        "veil         0.05      1      0      0",
+        "veil          0.1      0      -      -",
+    ]
