@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from tyro.conf import Positional
 
@@ -58,4 +59,45 @@ def diagnose(
     shell.say(result, json=common.json, as_text=diagnosing.as_text)
 
 
-VERBS = (diagnose,)
+def withheld(
+    *,
+    out: Path,
+    tier: Literal[1, 2, 3] = 1,
+    cases: int | None = None,
+    no_infrared: bool = False,
+    jobs: int = 2,
+    blender: Path = Path(".blender/bin/python"),
+    common: Shared = Common(),
+) -> None:
+    """Check the diagnosis: effects made by a second implementation, withheld from it, to be named.
+
+    Example: starling withheld --tier 1 --out out/withheld
+
+    A run that was stopped goes on where it was.
+
+    Args:
+        out: folder of the run, new or begun before.
+        tier: 1: scenes by Starling's renderer; 2: by Blender's Cycles, with another matcher; 3:
+            effects outside the table.
+        cases: with a single effect, the other cases in proportion; else the tier's own number.
+        no_infrared: let captures be depth alone.
+        jobs: sets of scenes at once, a core each.
+        blender: Python with bpy (see tools/blender.sh), for tier 2.
+    """
+    import subprocess
+    import sys
+
+    flags = [
+        *(["--cases", str(cases)] if cases is not None else []),
+        *(["--no-infrared"] if no_infrared else []),
+        *(["--json"] if common.json else []),
+    ]
+    # A process of its own: what it knows of its cases, the diagnosis must not.
+    command = [sys.executable, "-m", "diagnosis.withheld", str(out), "--tier", str(tier)]
+    places = ["--jobs", str(jobs), "--blender", str(blender)]
+    done = subprocess.run([*command, *places, *flags], check=False)
+    if done.returncode:
+        sys.exit(done.returncode)
+
+
+VERBS = (diagnose, withheld)

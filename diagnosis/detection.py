@@ -1,0 +1,112 @@
+"""How strong an effect has to be to be found: what the diagnosis says of its own signatures.
+
+    python -m diagnosis.detection CAPTURES --sensor FILE [--cache FOLDER]
+
+Prints JSON: by effect the values below and above the base from which on its own gain passes the
+threshold in half of the simulated readings; null where no value of its range does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis import named
+from diagnosis.subject import subject
+from diagnosis.which.arm import Screen
+from diagnosis.which.candidates import Arm
+from diagnosis.which.fit import fit, places
+from diagnosis.which.signature import Signature
+from patterns.errors import InputError
+from sim import capture, progress, sensors
+from sim.effects.effect import Value
+from sim.sensor import Sensor
+
+POWER = 0.5
+_STEPS = 16  # Strengths tried between two nodes.
+_ROUGH = 4  # Likewise, where an effect's strength is looked for.
+
+Limits = tuple[Value | None, Value | None]
+
+
+def limits(
+    captures: Path,
+    sensor: Sensor,
+    *,
+    cache: Path | None = None,
+    tell: progress.Progress = progress.silent,
+) -> dict[str, Limits]:
+    """Find the least values that are found, below and above the base, by effect.
+
+    Args:
+        captures: capture set; only its scenes count.
+        sensor: the base.
+        cache: folder that keeps what is simulated.
+        tell: wraps loops that take long.
+
+    Raises:
+        InputError: as `diagnosis.diagnosis.diagnose`.
+    """
+    subjects = [subject(scene, sensor) for scene in capture.open_set(captures).scenes]
+    asked, _ = named.parted(subjects)
+    found: dict[str, Limits] = {}
+    for arm in named.open_arms(asked):
+        if arm is not Arm.DEPTH:
+            _, screen = named.screened(arm, asked, None, cache=cache, tell=tell)
+            found |= {one.name: _limits(one, screen) for one in screen.rough}
+    return found
+
+
+def _limits(of: Signature, screen: Screen) -> Limits:
+    tried = places(of, _STEPS)
+    base = float(of.values.index(of.candidate.base))
+    below, above = tried[tried < base][::-1], tried[tried > base]
+    return _least(of, below, screen), _least(of, above, screen)
+
+
+def _least(of: Signature, tried: NDArray[np.float64], screen: Screen) -> Value | None:
+    """The first of places, the nearest to the base first, from which on all are found."""
+    found = [_found(of, float(place), screen) for place in tried]
+    if not found or not found[-1]:
+        return None
+    missed = [number for number, one in enumerate(found) if not one]
+    return of.value(float(tried[missed[-1] + 1 if missed else 0]))
+
+
+def _found(of: Signature, place: float, screen: Screen) -> bool:
+    """Whether half of the seeds, with the effect in them, give it enough gain."""
+    enough = 0
+    for number in range(len(screen.base.tables)):
+        base = screen.base.without(number)
+        likelihood = base.likelihood(screen.base.tables[number] + of.at(place), screen.weight)
+        enough += fit(of, likelihood, screen.folds, steps=_ROUGH).total >= screen.threshold
+    return enough >= POWER * len(screen.base.tables)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; 1 where something is refused."""
+    parser = argparse.ArgumentParser(
+        prog="python -m diagnosis.detection", description="Say how strong an effect has to be."
+    )
+    parser.add_argument("captures", type=Path, help="capture set, of whose scenes is asked")
+    parser.add_argument("--sensor", required=True, help="preset or sensor file, the base")
+    parser.add_argument("--cache", type=Path, help="folder that keeps what is simulated")
+    asked = parser.parse_args(arguments)
+    try:
+        with progress.on_stderr() as tell:
+            found = limits(asked.captures, sensors.load(asked.sensor), cache=asked.cache, tell=tell)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 1
+    print(json.dumps(found, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,58 @@
+"""Check what the diagnosis finds of effects that are withheld from it.
+
+    python -m diagnosis.withheld OUT [--tier 1] [--cases N] [--no-infrared]
+
+Everything is kept in OUT: a run that was stopped goes on where it was. The last line that is
+printed is the scores as JSON where asked for, else a table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from diagnosis.withheld import score_table, seal
+from diagnosis.withheld.check import Check
+from diagnosis.withheld.errors import WithheldError
+from diagnosis.withheld.tier import TIERS
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; 1 where something is refused."""
+    parser = argparse.ArgumentParser(prog="python -m diagnosis.withheld", description=__doc__)
+    parser.add_argument("out", type=Path, help="folder of the run, new or begun before")
+    parser.add_argument("--tier", type=int, choices=sorted(TIERS), default=1)
+    parser.add_argument("--cases", type=int, help="singles; the others in proportion")
+    parser.add_argument("--no-infrared", action="store_true", help="captures of depth alone")
+    parser.add_argument("--jobs", type=int, default=2, help="sets of scenes at once")
+    parser.add_argument("--blender", type=Path, default=Path(".blender/bin/python"))
+    parser.add_argument("--json", action="store_true", help="print the scores as JSON")
+    asked = parser.parse_args(arguments)
+    begun = time.perf_counter()
+    check = Check(
+        out=asked.out,
+        tier=TIERS[asked.tier],
+        blender=asked.blender,
+        infrared=not asked.no_infrared,
+        jobs=asked.jobs,
+    )
+    try:
+        cases = check.prepared(asked.cases)
+        print((asked.out / seal.SEAL).read_text(encoding="ascii").strip(), file=sys.stderr)
+        check.diagnosed(cases, asked.cases)
+        scores = check.scored(cases, asked.cases)
+    except WithheldError as error:
+        print(error, file=sys.stderr)
+        return 1
+    scores["wall_seconds"] = round(time.perf_counter() - begun, 1)
+    (asked.out / "scores.json").write_text(json.dumps(scores, indent=1), encoding="utf-8")
+    print(json.dumps(scores) if asked.json else score_table.text(scores))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,168 @@
+"""The whole check: light, sealed cases, captures, verdicts of a diagnosis, scores."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from diagnosis.withheld import case, score, seal
+from diagnosis.withheld.case import Case
+from diagnosis.withheld.catalogue import ROWS
+from diagnosis.withheld.errors import refusal
+from diagnosis.withheld.nominal import Nominal
+from diagnosis.withheld.scene_set import SceneSet
+from diagnosis.withheld.tier import Tier
+
+# Values below and above the base from which on half of the readings are found, by effect, on scenes
+# of development alone: `python -m diagnosis.detection`.
+LIMITS = Path(__file__).with_name("detection.json")
+# The diagnosis does not try them: they show in repeats alone, or change the image's size.
+NOT_TRIED = ("decimation", "temporal_filter")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Check:
+    """Where one run of a tier lies, and how it is run."""
+
+    out: Path
+    tier: Tier
+    blender: Path
+    infrared: bool = True
+    jobs: int = 2  # Sets of scenes at once, each in a process; one alone stays in this process.
+
+    @property
+    def sets(self) -> list[SceneSet]:
+        """The scene sets."""
+        return [
+            SceneSet(
+                folder=self.out / f"set-{number}",
+                number=number,
+                tier=self.tier,
+                blender=self.blender,
+                infrared=self.infrared,
+            )
+            for number in range(self.tier.sets)
+        ]
+
+    @property
+    def hidden(self) -> Path:
+        """Folder of the truth, which no program is told of."""
+        return self.out / "hidden"
+
+    def prepared(self, singles: int | None = None) -> tuple[Case, ...]:
+        """Make the light, draw the cases and seal the truth, or take up what was sealed before.
+
+        Args:
+            singles: How many, instead of the tier's own number; the rest in proportion.
+
+        Raises:
+            WithheldError: if a renderer fails or the truth is not what was sealed.
+        """
+        self._each(_render, [(one,) for one in self.sets])
+        if not (self.hidden / seal.TRUTH).exists():
+            counts, _ = self.tier.drawn(singles)
+            camera = self.sets[0].camera
+            drawn = case.draw(
+                camera,
+                counts,
+                limits=departures(json.loads(LIMITS.read_text(encoding="utf-8")), camera),
+                kinds=self.tier.kinds,
+                leave_out=NOT_TRIED,
+            )
+            seal.seal(drawn, self.hidden, self.out)
+        return seal.verify(self.hidden, self.out)
+
+    def diagnosed(self, cases: Sequence[Case], singles: int | None = None) -> None:
+        """Have all cases diagnosed that are not yet.
+
+        Args:
+            cases: What was sealed.
+            singles: As for `prepared`.
+
+        Raises:
+            WithheldError: if a program fails.
+        """
+        left_out = self._left_out(cases, singles)
+        self._each(
+            _diagnose,
+            [
+                (one, self._of(cases, one.number), self._of(left_out, one.number))
+                for one in self.sets
+            ],
+        )
+
+    def scored(self, cases: Sequence[Case], singles: int | None = None) -> dict[str, Any]:
+        """Open the truth beside the verdicts; every opening is written down.
+
+        Args:
+            cases: What was sealed.
+            singles: As for `prepared`.
+
+        Raises:
+            WithheldError: if a verdict is missing or damaged.
+        """
+        left_out = self._left_out(cases, singles)
+        answered, again = [], []
+        for one in self.sets:
+            answered += one.answered(self._of(cases, one.number))
+            again += one.answered(self._of(left_out, one.number), left_out=True)
+        path = self.out / "opened"
+        opened = len(path.read_text(encoding="utf-8").splitlines()) + 1 if path.exists() else 1
+        with path.open("a", encoding="utf-8") as file:
+            file.write(f"{opened}: {len(answered)} and {len(again)} verdicts\n")
+        told = score.score(answered, self.sets[0].camera, tier=self.tier.number, left_out=again)
+        return {**told, "infrared": self.infrared, "opened": opened}
+
+    def _left_out(self, cases: Sequence[Case], singles: int | None) -> list[Case]:
+        _, count = self.tier.drawn(singles)
+        return [one for one in cases if one.kind == "single"][:count]
+
+    def _of(self, cases: Sequence[Case], number: int) -> list[Case]:
+        return [one for one in cases if one.number % self.tier.sets == number]
+
+    def _each(self, work: Callable[..., None], arguments: Sequence[tuple[Any, ...]]) -> None:
+        if self.jobs == 1:
+            for each in arguments:
+                work(*each)
+            return
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(self.jobs, mp_context=context) as pool:
+            for done in [pool.submit(work, *each) for each in arguments]:
+                done.result()
+
+
+def departures(limits: Mapping[str, Sequence[Any]], camera: Nominal) -> dict[str, float]:
+    """Least departure that is found, by effect: to the side where it is found later.
+
+    Args:
+        limits: By name of a candidate, values below and above the base, None where none is found.
+        camera: Gives the neutrals.
+
+    Raises:
+        WithheldError: if the table is damaged.
+    """
+    found = {}
+    for name, sides in limits.items():
+        row = ROWS.get(name)
+        if row is None or row.scale == "choice":
+            continue
+        known = [side for side in sides if side is not None]
+        if not all(isinstance(side, int | float) for side in known):
+            raise refusal(f"limit of {name}", "must be numbers", sides, "Make the table again.")
+        found[name] = max(
+            (row.departure(camera, float(side)) for side in known), default=float("inf")
+        )
+    return found
+
+
+def _render(of: SceneSet) -> None:
+    of.render()
+
+
+def _diagnose(of: SceneSet, cases: Sequence[Case], left_out: Sequence[Case]) -> None:
+    of.diagnose(cases, left_out)

@@ -1,0 +1,44 @@
+"""A device with a matcher of its own: depth of infrared pairs on disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.withheld import matcher
+from diagnosis.withheld.case import Case
+from diagnosis.withheld.nominal import Nominal
+
+UNIT_M = 0.001
+_LAST_CODE = 65535
+_PAIR = ("ir_left.png", "ir_right.png")
+
+
+def measure(captures: Path, case: Case, camera: Nominal) -> None:
+    """Write `depth.png` beside every infrared pair of a capture set, in millimetres.
+
+    Args:
+        captures: The capture set.
+        case: Whose settings the matcher takes over.
+        camera: Its nominal settings.
+
+    Raises:
+        WithheldError: if a pair cannot be matched.
+    """
+    settings = matcher.settings_for(case)
+    for left in sorted(captures.glob("*/*/ir_left.png")):
+        ir_left, ir_right = (_image(left.with_name(name)) for name in _PAIR)
+        depth_m = matcher.depth(ir_left, ir_right, camera, settings=settings)
+        code = np.nan_to_num(np.rint(depth_m / UNIT_M))
+        code = np.where(code <= _LAST_CODE, code, 0).astype(np.uint16)
+        done = cv2.imwrite(str(left.with_name("depth.png")), code)
+        assert done
+
+
+def _image(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert image is not None  # `shoot` has just written it.
+    return image.astype(np.uint8) if image.dtype == np.uint8 else image.astype(np.uint16)

@@ -1,0 +1,87 @@
+"""Programs that the check runs, each a process of its own that is told by files alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from diagnosis.withheld.errors import refusal
+
+_LAST_LINES = 3
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+SENSOR = "sensor.toml"
+
+
+def light(out: Path, scenes: Sequence[str], width: int, height: int) -> None:
+    """Write builtin scenes as light by Starling's renderer.
+
+    Args:
+        out: Folder to make.
+        scenes: Names.
+        width: Of the images [px].
+        height: Likewise.
+
+    Raises:
+        WithheldError: if it fails, as all functions here.
+    """
+    size = ["--width", str(width), "--height", str(height)]
+    _run("diagnosis.light_sets", [str(out), *scenes, *size])
+
+
+def cycles(light: Path, out: Path, blender: Path) -> None:
+    """Render a folder of light anew by Cycles.
+
+    Args:
+        light: Folder of light.
+        out: Folder to make or to go on with.
+        blender: Python with `bpy`.
+    """
+    _run("diagnosis.cycles_light", [str(light), str(out), "--blender", str(blender)])
+
+
+def depth(cases: Path, sensor: Path) -> None:
+    """Match all infrared pairs of a folder of capture sets by Starling's matcher."""
+    _run("diagnosis.own_depth", [str(cases), "--sensor", str(sensor)])
+
+
+def diagnose(
+    cases: Path,
+    out: Path,
+    sensor: Path,
+    cache: Path,
+    *,
+    without: Mapping[str, str] | None = None,
+) -> None:
+    """Diagnose a folder of capture sets.
+
+    Args:
+        cases: The capture sets; nothing else is told of them.
+        out: Folder of verdicts.
+        sensor: What the camera is believed to be.
+        cache: Folder that keeps what effects do to the scenes.
+        without: By capture set, an effect that is taken from the diagnosis' table with its family.
+    """
+    arguments = [str(cases), str(out), "--sensor", str(sensor), "--cache", str(cache)]
+    if without is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        path = out / ".without"
+        path.write_text(json.dumps(dict(without)), encoding="utf-8")
+        arguments += ["--without", str(path)]
+    _run("diagnosis.batch", arguments)
+
+
+def _run(module: str, arguments: Sequence[str]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", module, *arguments],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, **_ONE_THREAD},
+        check=False,
+    )
+    if done.returncode:
+        said = " / ".join(done.stderr.strip().splitlines()[-_LAST_LINES:])
+        raise refusal(module, "must succeed", f"exit {done.returncode}", said)

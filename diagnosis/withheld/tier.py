@@ -1,0 +1,87 @@
+"""Tiers of the check: how far what made the captures is from what diagnoses them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from diagnosis.withheld.case import CaseKind
+from diagnosis.withheld.catalogue import Kind
+from diagnosis.withheld.errors import refusal
+
+Source = Literal["starling", "cycles"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Tier:
+    """What a tier's cases are made of."""
+
+    number: int
+    source: Source  # Renderer of the light.
+    matcher: Literal["starling", "own"]  # Whose depth the device has.
+    first: int  # Number of the first builtin scene; what rules were set on has others.
+    sets: int = 6  # Of scenes.
+    scenes: int = 10  # Of a set; a quarter of them is locked away by the diagnosis.
+    width: int = 424  # [px]
+    height: int = 240
+    frames: int = 2
+    counts: Mapping[CaseKind, int]
+    left_out: int = 0  # Singles that are diagnosed again without their effect's family.
+    kinds: tuple[Kind, ...] = ("image", "post")
+
+    def names(self, number: int) -> list[str]:
+        """Builtin scenes of a set."""
+        begin = self.first + number * self.scenes
+        return [
+            f"tabletop:{n}" if n % 4 == 3 else f"clutter:{n}"
+            for n in range(begin, begin + self.scenes)
+        ]
+
+    def drawn(self, singles: int | None) -> tuple[dict[CaseKind, int], int]:
+        """Cases by kind and how many are left out, with another number of singles in proportion.
+
+        A tier without singles is asked by its unknown cases.
+
+        Raises:
+            WithheldError: if the number is below 1.
+        """
+        if singles is None:
+            return dict(self.counts), self.left_out
+        if singles < 1:
+            raise refusal("cases", "must be >= 1", singles, "Give how many singles.")
+        share = singles / (self.counts.get("single") or self.counts["unknown"])
+        counts: dict[CaseKind, int] = {
+            kind: math.ceil(share * count) for kind, count in self.counts.items()
+        }
+        return counts, math.ceil(share * self.left_out)
+
+
+TIERS = {
+    1: Tier(
+        number=1,
+        source="starling",
+        matcher="starling",
+        first=2000,
+        counts={"single": 96, "null": 80, "pair": 48, "unknown": 36},
+        left_out=64,
+    ),
+    2: Tier(
+        number=2,
+        source="cycles",
+        matcher="own",
+        first=3000,
+        scenes=8,
+        counts={"single": 24, "null": 20, "pair": 12, "unknown": 9},
+        left_out=15,
+        kinds=("image",),
+    ),
+    3: Tier(
+        number=3,
+        source="starling",
+        matcher="starling",
+        first=4000,
+        counts={"null": 20, "unknown": 90},
+    ),
+}

@@ -1,0 +1,227 @@
+"""The check on withheld effects from light to scores, small: few scenes, few effects, tiny images.
+
+**Rationale.** What is tested is that the parts work together and that the truth stays sealed; how
+often the right effect is named is told by `starling withheld` on the whole table. Still, of strong
+effects most have to be named here, and of no effect none.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import starling
+from diagnosis import batch, check_camera, detection, light_sets, named, own_depth
+from diagnosis.which.candidates import candidates as all_candidates
+from diagnosis.withheld import __main__ as program
+from diagnosis.withheld import catalogue, check, programs, seal, tier
+from diagnosis.withheld.case import Case
+from diagnosis.withheld.check import Check
+from diagnosis.withheld.errors import WithheldError
+from sim import capture, sensors
+
+TRIED = ("gamma", "vignetting", "read_noise", "black_level", "median", "pixel_locking")
+STRONG = {"gamma": 0.2, "vignetting": 1.5, "read_noise": 20.0, "black_level": 4.0}
+SMALL = tier.Tier(
+    number=1,
+    source="starling",
+    matcher="starling",
+    first=60,
+    sets=2,
+    scenes=4,
+    width=160,
+    height=90,
+    counts={"single": 12, "null": 10, "pair": 2, "unknown": 6},
+    left_out=2,
+)
+RUN = programs._run
+IN_PROCESS = {
+    "diagnosis.light_sets": light_sets.main,
+    "diagnosis.own_depth": own_depth.main,
+    "diagnosis.batch": batch.main,
+}
+
+
+@pytest.fixture(scope="module")
+def patched() -> Any:
+    """Few effects in both tables, and programs run in this process to share that.
+
+    The lens has no spot: its shape is another in the second implementation, which at so few pixels
+    is a gap of its own where so few effects have a say in what features tell.
+    """
+    patch = pytest.MonkeyPatch()
+    spotless = [one for one in check_camera._HAS if one[0] != "imager.lens.blur_px"]
+    patch.setattr(check_camera, "_HAS", spotless)
+    patch.setattr(
+        named,
+        "candidates",
+        lambda *asked: [one for one in all_candidates(*asked) if one.name in TRIED],
+    )
+    shown = {*TRIED, *(n for n, row in catalogue.ROWS.items() if row.kind == "outside")}
+    patch.setattr(check, "NOT_TRIED", tuple({*catalogue.ROWS} - shown))
+
+    def run(module: str, arguments: Sequence[str]) -> None:
+        assert IN_PROCESS[module](arguments) == 0
+
+    patch.setattr(programs, "_run", run)
+    yield patch
+    patch.undo()
+
+
+@pytest.fixture(scope="module")
+def done(patched: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Check, list[Case]]:
+    folder = tmp_path_factory.mktemp("check")
+    limits = folder / "limits.json"
+    limits.write_text(json.dumps({name: [None, value] for name, value in _values().items()}))
+    patched.setattr(check, "LIMITS", limits)
+    one = Check(out=folder / "run", tier=SMALL, blender=Path("none"), jobs=1)
+    cases = one.prepared()
+    one.diagnosed(cases)
+    return one, list(cases)
+
+
+def _values() -> dict[str, float]:
+    """Strengths that are surely found, as values."""
+    neutral = {"gamma": 1.0, "vignetting": 0.0, "read_noise": 5.0, "black_level": 4.0}
+    return {name: neutral[name] + STRONG[name] for name in STRONG}
+
+
+def test_most_is_named_and_nothing_where_nothing_is(done):
+    one, cases = done
+    scores = one.scored(cases)
+    assert scores["cases"] == {"null": 10, "single": 12, "pair": 2, "unknown": 8}
+    assert scores["top1"] >= 0.75 and scores["in_set"] >= scores["top1"]
+    assert scores["false_alarm"] <= 0.1
+    assert scores["unknown_recall"] >= 0.5
+    assert scores["top1"] > scores["baselines"]["random"]["top1"]
+    assert scores["opened"] == 1 and one.scored(cases)["opened"] == 2
+
+
+def test_the_diagnosis_is_shown_captures_alone(done):
+    one, _ = done
+    for each in one.sets:
+        assert not (each.folder / "cases").exists()  # Taken away with the last verdict.
+        text = "".join(path.read_text() for path in each.folder.rglob("*.toml"))
+        assert "gamma" not in text.replace("imager.gamma", "").replace("gamma = 1.0", "")
+    assert {path.name for path in one.hidden.iterdir()} == {seal.TRUTH}
+
+
+def test_a_run_goes_on_where_it_was(done, monkeypatch):
+    one, cases = done
+    lost = one.sets[0].folder / "verdicts" / f"{cases[0].number:03d}.json"
+    before = json.loads(lost.read_text())
+    lost.unlink()
+    asked = []
+    monkeypatch.setattr(programs, "diagnose", lambda *a, **k: asked.append(a))
+    with pytest.raises(WithheldError, match="verdict"):
+        one.diagnosed(cases)
+        one.scored(cases)
+    assert len(asked) == 1
+    monkeypatch.undo()
+    one.diagnosed(cases)
+    after = json.loads(lost.read_text())
+    assert {**after, "seconds": 0} == {**before, "seconds": 0}
+
+
+def test_a_truth_that_was_changed_is_refused(done):
+    one, _ = done
+    truth = one.hidden / seal.TRUTH
+    text = truth.read_text()
+    truth.write_text(text.replace("null", "null ", 1))
+    try:
+        with pytest.raises(WithheldError, match="sealed"):
+            one.prepared()
+    finally:
+        truth.write_text(text)
+
+
+def test_without_infrared_depth_alone_is_diagnosed(done, tmp_path):
+    one, _ = done
+    few = dataclasses.replace(SMALL, sets=1, counts={"null": 1}, left_out=0)
+    bare = Check(out=tmp_path, tier=few, blender=Path("none"), jobs=1, infrared=False)
+    (tmp_path / "set-0").mkdir()
+    (tmp_path / "set-0" / "light").symlink_to(one.sets[0].light)
+    cases = bare.prepared()
+    bare.diagnosed(cases)
+    assert bare.scored(cases)["false_alarm"] == 0
+
+
+def test_the_program_prints_scores(done, monkeypatch, capsys):
+    one, _ = done
+    monkeypatch.setitem(program.TIERS, 1, SMALL)
+    assert program.main([str(one.out), "--jobs", "1", "--json"]) == 0
+    scores = json.loads(capsys.readouterr().out)
+    assert scores == {**json.loads((one.out / "scores.json").read_text())}
+    assert program.main([str(one.out), "--jobs", "1"]) == 0
+    assert "top1" in capsys.readouterr().out
+    assert program.main([str(one.out), "--cases", "0"]) == 1
+    assert "cases must be >= 1" in capsys.readouterr().err
+
+
+def test_the_verb_runs_the_program_elsewhere(monkeypatch):
+    ran = []
+
+    class Done:
+        returncode = 3
+
+    monkeypatch.setattr("subprocess.run", lambda command, **_: ran.append(command) or Done())
+    assert starling.main(["withheld", "--out", "x", "--cases", "2", "--no-infrared", "--json"]) == 3
+    assert ran[0][1:4] == ["-m", "diagnosis.withheld", "x"]
+    assert {"--cases", "2", "--no-infrared", "--json"} <= {*ran[0]}
+
+
+def test_a_program_that_fails_is_refused_with_what_it_said(tmp_path, monkeypatch):
+    monkeypatch.setattr(programs, "_run", RUN)
+    with pytest.raises(WithheldError, match=r"diagnosis\.batch must succeed.*sensor must be"):
+        programs.diagnose(tmp_path, tmp_path / "out", tmp_path / "s.toml", tmp_path / "cache")
+
+
+def test_limits_are_departures_to_the_side_that_is_found_later(done):
+    one, _ = done
+    camera = one.sets[0].camera
+    found = check.departures(
+        {"gamma": [0.9, 1.3], "veil": [None, None], "sunlight": [None, 2], "median": [0, 5]}, camera
+    )
+    assert found == {"gamma": pytest.approx(0.3), "veil": float("inf")}
+    with pytest.raises(WithheldError, match="numbers"):
+        check.departures({"veil": ["a", None]}, camera)
+
+
+def test_limits_are_told_by_the_diagnosis_itself(done, patched, capsys, tmp_path):
+    """A strength is found on one side, on both where the effect has both."""
+    one, _ = done
+    null = Case(number=0, kind="null", settings={}, seed=3)
+    from diagnosis.withheld import shoot
+
+    shoot.shoot(one.sets[0].light, null, tmp_path / "null", frames=2)
+    flags = ["--sensor", str(one.sets[0].sensor), "--cache", str(one.sets[0].folder / "cache")]
+    assert detection.main([str(tmp_path / "null"), *flags]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["vignetting"][0] is None and 0 < told["vignetting"][1] < 3
+    assert told["gamma"][0] < 1 < told["gamma"][1]
+    assert detection.main([str(tmp_path / "none"), *flags]) == 1
+
+
+def test_other_scenes_are_not_one_batch(done, tmp_path, capsys):
+    one, _ = done
+    null = Case(number=0, kind="null", settings={}, seed=3)
+    from diagnosis.withheld import shoot
+
+    for number, each in enumerate(one.sets):
+        shoot.shoot(each.light, null, tmp_path / "cases" / str(number), frames=1)
+    sensor = sensors.load(str(one.sets[0].sensor))
+    own_depth.write(tmp_path / "cases", sensor)
+    assert capture.open_set(tmp_path / "cases" / "0").scenes[0].frame(0).depth_m is not None
+    flags = ["--sensor", str(one.sets[0].sensor)]
+    assert batch.main([str(tmp_path / "cases"), str(tmp_path / "out"), *flags]) == 1
+    assert "same in all" in capsys.readouterr().err
+    assert batch.main([str(tmp_path), str(tmp_path / "out"), *flags]) == 1
+    assert own_depth.main([str(tmp_path), *flags]) == 1
+    (tmp_path / "cases" / "0" / "clutter-60" / "0" / "ir_left.png").unlink()
+    (tmp_path / "cases" / "0" / "clutter-60" / "0" / "depth.png").unlink()
+    assert own_depth.main([str(tmp_path / "cases"), *flags]) == 1
