@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis import named
+from diagnosis import crew, named
 from diagnosis.subject import subject
 from diagnosis.which.arm import Screen
 from diagnosis.which.candidates import Arm
@@ -98,6 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sensor", required=True, help="preset or sensor file, the base")
     parser.add_argument("--cache", type=Path, help="folder that keeps what is simulated")
     asked = parser.parse_args(arguments)
+    crew.alone()
     try:
         with progress.on_stderr() as tell:
             found = limits(asked.captures, sensors.load(asked.sensor), cache=asked.cache, tell=tell)

@@ -20,6 +20,7 @@ _WIDE = 4.0  # Ranges above this ratio are stepped by factors.
 # Without a partner they do nothing, or repeats alone show them, or they change the image's size.
 _LEFT_OUT = frozenset({"rolling_shutter", "temporal_filter", "decimation", "registration"})
 _SIDES = ("x", "y", "z")
+_MOVES = frozenset({"motion", "turning"})
 
 
 class Arm(Enum):
@@ -72,6 +73,10 @@ def candidates(sensor: Sensor, scene: Scene, arm: Arm) -> list[Candidate]:
                 continue
             name = effect.name if number == 0 else f"{effect.name}.{parameter.name}"
             values = nodes(parameter, base)
+            if effect.name in _MOVES and not sensor.left.rolling_shutter_s:
+                values = tuple(
+                    one for one in values if float(one) > float(base)
+                )  # The way back blurs alike.
             if values:
                 found.append(Candidate(name=name, effect=effect, arm=arm, base=base, nodes=values))
     return found

@@ -9,6 +9,7 @@ from sim import effects, sensors
 from sim.effects import setting
 from sim.effects.effect import Stage
 from sim.scenes import builtin
+from sim.sensor_edits import with_values
 
 SENSOR = sensors.load("d435")
 SCENE = builtin.clutter(1)
@@ -56,3 +57,12 @@ def test_a_strength_of_both_signs_departs_to_both_sides():
 def test_a_strength_that_is_there_already_may_be_none():
     parameter = setting.parameter_of("vignetting")[1]
     assert 0.0 in nodes(parameter, 4.0) and 0.0 not in nodes(parameter, 0.0)
+
+
+@pytest.mark.parametrize("rolling_s", [0.0, 0.01])
+def test_a_movement_and_its_reverse_are_one_without_a_rolling_shutter(rolling_s):
+    sensor = with_values(SENSOR, [("imager.rolling_shutter_s", rolling_s)])
+    found = {one.name: one for one in candidates(sensor, SCENE, Arm.IMAGE)}
+    for name in ("motion.y", "turning"):
+        assert (min(found[name].nodes) < 0) == (rolling_s > 0)
+    assert min(found["roll"].nodes) < 0
