@@ -21,7 +21,7 @@ from sim.effects.effect import Value
 
 Settings = Mapping[str, Value]
 
-_DRAWS = 4  # Seeds of a simulated reading.
+DRAWS = 4  # Seeds of a simulated reading.
 _OTHER = 100  # Seed of what stands for another capture of the same scene.
 
 
@@ -64,8 +64,8 @@ def judged(locked: Sequence[Subject], settings: Settings, arms: Sequence[Found])
 
 
 def _distances(real: Reading, of: Subject, settings: Settings) -> dict[str, float]:
-    drawn = [_drawn(of, settings, seed) for seed in range(_DRAWS)]
-    return distances(real, drawn, of.ground, device=real.device_px is not None)
+    drawn = [_drawn(of, settings, seed) for seed in range(DRAWS)]
+    return distances(real, drawn, of.ground)
 
 
 def _drawn(of: Subject, settings: Settings, seed: int) -> Reading:

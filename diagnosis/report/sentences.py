@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.howfar.closed import Closed
+from diagnosis.howfar.residual import Absorption
 from diagnosis.which.arm import Found
 from diagnosis.which.search import Accepted
 from sim.effects.effect import Value
@@ -18,7 +19,7 @@ STAGES = {
 
 def answer(of: Diagnosis) -> list[str]:
     """Say what was found, one sentence for each question."""
-    return [_where(of), _which(of), _howfar(of)]
+    return [_where(of), _which(of), " ".join([_howfar(of), *_residual(of)])]
 
 
 def _where(of: Diagnosis) -> str:
@@ -77,6 +78,26 @@ def _howfar(of: Diagnosis) -> str:
     if not said:
         return f"On {scenes} that had no say there was nothing to close."
     return f"Of the closable gap on {scenes} that had no say: " + ", ".join(said) + "."
+
+
+def _residual(of: Diagnosis) -> list[str]:
+    """What a network that corrects the base reaches, and what effects leave it to learn."""
+    if of.residual is None:
+        return []
+    before, bound = (f"{one['ndp_brier']:.3g}" for one in (of.residual.alone, of.residual.bound))
+    said = [f"A learned residual takes the Brier score of holes from {before} to {bound}."]
+    if of.residual.absorption is not None:
+        said.append(_taken_over(of.residual.absorption))
+    return said
+
+
+def _taken_over(of: Absorption) -> str:
+    if of.share is None:
+        return "That is no gain for sure, so whether the effects take it over is not known."
+    ends = ""
+    if of.interval is not None:
+        ends = f" [{100 * of.interval[0]:.0f}, {100 * of.interval[1]:.0f}]"
+    return f"The effects take over {100 * of.share:.0f} %{ends} of that gain."
 
 
 def _interval(one: Closed) -> str:
