@@ -1,15 +1,16 @@
 """The learned residual as a bound and as a witness.
 
-*Bound*: what a network that corrects the base's holes reaches on scenes that had no say. At least
-so much can be closed by anything that knows what the network knows.
-*Witness*: with a true effect in the simulator the network has less to learn; with a stand-in it has
-as much as before.
+*Bound*: what a network that corrects the base's holes reaches on scenes that had no say: anything
+that knows what the network knows can close as much.
+*Witness*: with a true effect in the simulator the network gains no more than where nothing is off;
+with a stand-in it gains as much as before. Where nothing is off it gains too: it learns how sure a
+few draws are.
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +18,8 @@ import numpy as np
 
 from diagnosis.howfar import holes
 from diagnosis.howfar.closed import closed
-from diagnosis.howfar.judged import DRAWS
+from diagnosis.howfar.judged import DRAWS, OTHER, Settings, drawn
+from diagnosis.reading import Reading
 from diagnosis.subject import Subject
 from learning import registry
 from learning.example import Example
@@ -26,24 +28,27 @@ from learning.physics_probability import physics_probability
 from patterns.errors import refuse
 from sim import progress
 from sim.depth import depth_from_disparity
-from sim.effects.effect import Value
 
 _METHOD = "hybrid"
 _SEED = 0
 _BRIER = "ndp_brier"
 _GAIN = "gain"
 
+_Gains = Sequence[Mapping[str, float]]  # Of each scene.
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Absorption:
-    """How much less a residual has to learn with the accepted effects in.
+    """How much less a residual gains with the accepted effects in.
 
     A gain is the Brier score of physics alone less that with the residual, mean over scenes.
     """
 
     gain_before: float  # On the base.
-    gain_after: float  # With the accepted effects.
-    share: float | None  # 1 - after / before; None where the residual does not gain for sure.
+    gain_after: float | None  # With the accepted effects; None where there is none.
+    gain_floor: float  # Of another simulated capture in the real one's place.
+    closable: bool  # Whether before is above floor for sure.
+    share: float | None  # Before less after, over before less floor; None where not known.
     interval: tuple[float, float] | None  # 95 %, bootstrap over scenes; None of one scene.
 
 
@@ -53,7 +58,7 @@ class Residual:
 
     alone: dict[str, float]  # Of the base's physics, mean over scenes.
     bound: dict[str, float]  # With the residual.
-    absorption: Absorption | None  # None where no effect is accepted.
+    absorption: Absorption
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,18 +77,18 @@ class _Told:
 def learn(
     asked: Sequence[Subject],
     locked: Sequence[Subject],
-    settings: Mapping[str, Value],
+    settings: Settings,
     *,
     tell: progress.Progress = progress.silent,
 ) -> Residual:
-    """Learn the residual of the base, and of the simulator with effects, and judge both.
+    """Learn the residual of the base, of the simulator with effects, and of one that is right.
 
     Holes are those of the device's own depth, where it has none our matcher's.
 
     Args:
         asked: subjects to learn from.
         locked: subjects to judge on.
-        settings: value by accepted effect; where there is none the base alone is learnt from.
+        settings: value by accepted effect.
         tell: wraps loops that take long.
 
     Raises:
@@ -92,24 +97,24 @@ def learn(
     """
     if not locked:
         raise refuse("locked scenes", "must be at least 1", 0, "Take captures of four rooms.")
-    before = _told(asked, locked, {}, tell)
+
+    def told(by: Settings, real: Callable[[Subject], Reading]) -> _Told:
+        many = [_example(one, by, real(one)) for one in tell([*asked, *locked], "holes simulated")]
+        return _judged(many[: len(asked)], many[len(asked) :], tell)
+
+    before = told({}, lambda one: one.real)
+    after = told(settings, lambda one: one.real) if settings else None
+    floor = told(settings, lambda one: drawn(one, settings, OTHER))
     return Residual(
         alone=_mean(before.alone),
         bound=_mean(before.corrected),
-        absorption=(
-            _absorption(before, _told(asked, locked, settings, tell)) if settings else None
-        ),
+        absorption=_absorption(before.gains, after and after.gains, floor.gains),
     )
 
 
-def _told(
-    asked: Sequence[Subject],
-    locked: Sequence[Subject],
-    settings: Mapping[str, Value],
-    tell: progress.Progress,
+def _judged(
+    learnt_from: Sequence[Example], held: Sequence[Example], tell: progress.Progress
 ) -> _Told:
-    examples = [_example(one, settings) for one in tell([*asked, *locked], "holes simulated")]
-    learnt_from, held = examples[: len(asked)], examples[len(asked) :]
     with tempfile.TemporaryDirectory() as folder:
         predictor = registry.method(_METHOD).fit(
             learnt_from, folder=Path(folder), seed=_SEED, tell=tell
@@ -123,9 +128,9 @@ def _told(
     return found
 
 
-def _example(of: Subject, settings: Mapping[str, Value]) -> Example:
-    depth_px, ground = of.real.depth_px, of.ground
-    if depth_px is None:
+def _example(of: Subject, settings: Settings, real: Reading) -> Example:
+    ground = of.ground
+    if real.depth_px is None:
         rule = "must have depth of its own or an infrared pair"
         raise refuse(f"scene {of.name}", rule, "neither", "Leave it out.")
     info = ground.info
@@ -136,7 +141,7 @@ def _example(of: Subject, settings: Mapping[str, Value]) -> Example:
         depth_m=depth_from_disparity(
             ground.disparity_px, focal_px=info.fx_px, baseline_m=info.baseline_m
         ),
-        ndp=~np.isfinite(depth_px[0]),
+        ndp=~np.isfinite(real.depth_px[0]),
         counted=ground.counted,
         physics=of.physics(settings, seeds=range(DRAWS)),
     )
@@ -151,14 +156,18 @@ def _mean(scenes: Sequence[Mapping[str, float]]) -> dict[str, float]:
     return found
 
 
-def _absorption(before: _Told, after: _Told) -> Absorption:
-    nothing = [{_GAIN: 0.0}] * len(before.gains)
-    gain = closed(before.gains, after.gains, nothing)[_GAIN]
+def _absorption(before: _Gains, after: _Gains | None, floor: _Gains) -> Absorption:
+    gain = closed(before, before if after is None else after, floor)[_GAIN]
+    share, interval = None, None
+    if after is not None and gain.closed_pct is not None:
+        share = gain.closed_pct / 100
+        if gain.interval is not None:
+            interval = (gain.interval[0] / 100, gain.interval[1] / 100)
     return Absorption(
         gain_before=gain.before,
-        gain_after=gain.after,
-        share=None if gain.closed_pct is None else gain.closed_pct / 100,
-        interval=(
-            None if gain.interval is None else (gain.interval[0] / 100, gain.interval[1] / 100)
-        ),
+        gain_after=None if after is None else gain.after,
+        gain_floor=gain.floor,
+        closable=gain.closed_pct is not None,
+        share=share,
+        interval=interval,
     )

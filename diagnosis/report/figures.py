@@ -41,7 +41,9 @@ def figures(of: Diagnosis) -> dict[str, Any]:
             "which": {arm.bench.arm.value: _arm(arm) for arm in of.arms},
             "howfar": _with_bound(howfar(of.howfar), of.residual),
             "shares": {} if of.howfar is None else of.howfar.shares,
-            "absorption": _absorption(of.residual),
+            "absorption": (
+                {} if of.residual is None else dataclasses.asdict(of.residual.absorption)
+            ),
             "scenes": of.scenes,
             "locked": of.locked,
             "limits": of.limits,
@@ -71,10 +73,6 @@ def _with_bound(told: dict[str, Any], of: Residual | None) -> dict[str, Any]:
         for name, bound in of.bound.items()
     }
     return told | bounds
-
-
-def _absorption(of: Residual | None) -> dict[str, Any]:
-    return {} if of is None or of.absorption is None else dataclasses.asdict(of.absorption)
 
 
 def _part(part: Any) -> dict[str, Any]:

@@ -11,32 +11,35 @@ from diagnosis.report.elements import Bar, chart, interval, prose
 
 def section(of: Residual) -> str:
     """Write what the bound is, and how much of the residual effects take over, as HTML."""
-    said = (
+    bound = (
         "A network was trained on the scenes that were asked, to correct where the sensor at hand "
-        "has no depth in simulation, and judged on the locked ones: that is the bound. So much, if "
-        "not more, can be closed by anything that knows what the network knows; what effects leave "
-        "above it is still to be explained."
+        "has no depth in simulation, and judged on the locked ones: that is the bound. Anything "
+        "that knows what the network knows can close as much."
     )
-    absorbed = "" if of.absorption is None else _absorption(of.absorption)
-    return f"<h3>What a learned residual reaches</h3>{prose(said)}{absorbed}"
-
-
-def _absorption(of: Absorption) -> str:
-    said = (
-        "Trained again with the accepted effects in, the network has less left to gain where they "
-        "are true, and as much as before where they stand in for something else. Gain: Brier score "
-        "of holes without the network less that with it."
+    gain = (
+        "Its gain is the Brier score of holes without it less that with it. Floor: its gain where "
+        "another simulated capture stands for the real one, so that nothing is off; it learns how "
+        "sure a few draws are. After: its gain with the accepted effects in, near floor where they "
+        "are true, and as before where they stand in for something else."
     )
-    bars = [
-        Bar(name="before", value=of.gain_before, told=number(of.gain_before)),
-        Bar(name="after", value=of.gain_after, told=number(of.gain_after), kind="second"),
-    ]
-    return f"<h4>Gain of the network</h4>{prose(said)}<p>{escape(_taken_over(of))}</p>{chart(bars)}"
+    one = of.absorption
+    bars = [Bar(name="before", value=one.gain_before, told=number(one.gain_before))]
+    if one.gain_after is not None:
+        bars.append(
+            Bar(name="after", value=one.gain_after, told=number(one.gain_after), kind="second")
+        )
+    bars.append(Bar(name="floor", value=one.gain_floor, told=number(one.gain_floor), kind="part"))
+    return (
+        f"<h3>What a learned residual reaches</h3>{prose(bound)}<h4>Gain of the network</h4>"
+        f"{prose(gain)}<p>{escape(_taken_over(one))}</p>{chart(bars)}"
+    )
 
 
 def _taken_over(of: Absorption) -> str:
+    if not of.closable:
+        return "Not identifiable: before and floor do not differ for sure."
     if of.share is None:
-        return "Not identifiable: on the sensor at hand the network does not gain for sure."
+        return "No effect is accepted that could take it over."
     said = f"Taken over by the effects: {number(100 * of.share, '.0f')} %"
     if of.interval is None:
         return f"{said}; one scene gives no interval."

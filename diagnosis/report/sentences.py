@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.howfar.closed import Closed
-from diagnosis.howfar.residual import Absorption
 from diagnosis.which.arm import Found
 from diagnosis.which.search import Accepted
 from sim.effects.effect import Value
@@ -85,19 +84,17 @@ def _residual(of: Diagnosis) -> list[str]:
     if of.residual is None:
         return []
     before, bound = (f"{one['ndp_brier']:.3g}" for one in (of.residual.alone, of.residual.bound))
-    said = [f"A learned residual takes the Brier score of holes from {before} to {bound}."]
-    if of.residual.absorption is not None:
-        said.append(_taken_over(of.residual.absorption))
-    return said
-
-
-def _taken_over(of: Absorption) -> str:
-    if of.share is None:
-        return "That is no gain for sure, so whether the effects take it over is not known."
+    said = f"A learned residual takes the Brier score of holes from {before} to {bound}"
+    one = of.residual.absorption
+    if not one.closable:
+        return [f"{said}, not surely more than where nothing is off."]
+    said += f", by {one.gain_before - one.gain_floor:.2g} more than where nothing is off."
+    if one.share is None:
+        return [said]
     ends = ""
-    if of.interval is not None:
-        ends = f" [{100 * of.interval[0]:.0f}, {100 * of.interval[1]:.0f}]"
-    return f"The effects take over {100 * of.share:.0f} %{ends} of that gain."
+    if one.interval is not None:
+        ends = f" [{100 * one.interval[0]:.0f}, {100 * one.interval[1]:.0f}]"
+    return [said, f"The effects take over {100 * one.share:.0f} %{ends} of that."]
 
 
 def _interval(one: Closed) -> str:

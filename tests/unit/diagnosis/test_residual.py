@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from diagnosis.howfar import holes, residual
-from diagnosis.howfar.judged import DRAWS
+from diagnosis.howfar.judged import DRAWS, OTHER
 from diagnosis.reading import Reading
 from learning import registry
 from learning.example import Example, Image, Physics
@@ -21,37 +21,55 @@ from tests.unit.diagnosis.test_features import DISPARITY, GROUND
 
 HOLES = np.zeros(DISPARITY.shape, bool)
 HOLES[:40, -60:] = True
-LEARNT = 0.3  # Of what physics gets wrong the method that is made up here leaves this share.
+SEEN = HOLES.copy()  # By the base.
+SEEN[:, -30:] = False
+LEARNT = 0.3  # The method that is made up here leaves this share of what physics gets wrong.
 
 
-def made_physics(seen: float) -> Physics:
-    """Draws with a share of the holes; nothing else is looked at here."""
+def simulated(settings: Mapping[str, float]) -> np.ndarray:
+    """Holes of all draws: with the true effect those of the real captures."""
+    return HOLES if "true" in settings else SEEN
+
+
+def made_physics(ndp: np.ndarray) -> Physics:
+    """Draws with the same holes; nothing else is looked at here."""
     plain = np.zeros(DISPARITY.shape, np.float32)
     return Physics(
-        ndp=np.where(HOLES, seen, 0).astype(np.float32),
+        ndp=ndp.astype(np.float32),
         draws=DRAWS,
         infrared=plain,
         contrast=plain,
         disparity_px=DISPARITY,
         one_draw_px=DISPARITY,
-        one_draw_ndp=HOLES,
+        one_draw_ndp=ndp,
         reason=np.zeros(DISPARITY.shape, np.uint32),
     )
 
 
+def maps(ndp: np.ndarray) -> np.ndarray:
+    return np.where(ndp, np.nan, DISPARITY)[None].astype(np.float32)
+
+
 class Made:
-    """A scene whose holes the base sees half of, and with `true` set all of."""
+    """A scene whose holes the base sees half of."""
 
     def __init__(self, number: int, *, device: bool = True) -> None:
         self.name, self.room, self.ground = f"scene{number}", f"room{number}", GROUND
-        maps = np.where(HOLES, np.nan, DISPARITY)[None].astype(np.float32)
-        self.real = Reading(left=None, right=None, ours_px=maps, device_px=None)
+        self.real = Reading(left=None, right=None, ours_px=maps(HOLES), device_px=None)
         if device:
-            self.real = dataclasses.replace(self.real, ours_px=DISPARITY[None], device_px=maps)
+            self.real = dataclasses.replace(self.real, ours_px=maps(~HOLES), device_px=maps(HOLES))
+
+    def simulate(self, settings: Mapping[str, float], *, seed: int) -> Reading:
+        assert seed == OTHER
+        return Reading(left=None, right=None, ours_px=maps(simulated(settings)), device_px=None)
+
+    def capture(self, settings: Mapping[str, float], *, seed: int) -> Reading:
+        one = self.simulate(settings, seed=seed)
+        return dataclasses.replace(one, device_px=one.ours_px)
 
     def physics(self, settings: Mapping[str, float], *, seeds: Sequence[int]) -> Physics:
         assert len(seeds) == DRAWS
-        return made_physics(1.0 if "true" in settings else 0.5)
+        return made_physics(simulated(settings))
 
 
 class Knowing:
@@ -100,32 +118,43 @@ def test_the_figures_of_holes_are_those_of_an_evaluation():
 
 def test_without_effects_the_bound_alone_is_told(method):
     found = learn({})
-    told = physics_probability(made_physics(0.5))
+    told = physics_probability(made_physics(SEEN))
     assert found.alone == holes.figures(told, HOLES, GROUND.counted)
     assert found.bound["ndp_brier"] == pytest.approx(LEARNT**2 * found.alone["ndp_brier"])
-    assert found.absorption is None and method.seen == [["scene0", "scene1", "scene2"]]
+    gain = found.absorption
+    assert gain.closable and gain.gain_after is gain.share is gain.interval is None
+    right = holes.figures(told, SEEN, GROUND.counted)["ndp_brier"]
+    assert gain.gain_floor == pytest.approx((1 - LEARNT**2) * right)
+    assert method.seen == [["scene0", "scene1", "scene2"]] * 2
 
 
 def test_holes_are_our_matcher_s_where_the_device_has_no_depth(method):
     assert learn({}, device=False) == learn({})
 
 
-def test_a_true_effect_leaves_less_to_learn_and_a_stand_in_as_much(method):
-    absorption = learn({"true": 1.0}).absorption
-    assert absorption is not None and absorption.share is not None
-    assert 0 < absorption.gain_after < absorption.gain_before
-    assert absorption.share == pytest.approx(1 - absorption.gain_after / absorption.gain_before)
-    assert absorption.interval == pytest.approx((absorption.share, absorption.share))
+def test_a_true_effect_leaves_no_more_to_learn_than_noise_and_a_stand_in_as_much(method):
+    gain = learn({"true": 1.0}).absorption
+    assert gain.gain_after is not None
+    assert 0 < gain.gain_after == gain.gain_floor < gain.gain_before
+    assert gain.share == pytest.approx(1) and gain.interval == pytest.approx((1, 1))
     imitated = learn({"imitating": 1.0}).absorption
-    assert imitated is not None and imitated.share == pytest.approx(0)
+    assert imitated.closable and imitated.share == pytest.approx(0)
+    assert imitated.gain_after == imitated.gain_before == gain.gain_before
+
+
+def test_of_one_scene_there_is_no_interval(method):
+    many: Any = [Made(0), Made(1)]
+    gain = residual.learn(many[:1], many[1:], {"true": 1.0}).absorption
+    assert gain.share == pytest.approx(1) and gain.interval is None
 
 
 def test_where_nothing_is_gained_there_is_no_share(method, monkeypatch):
     monkeypatch.setattr(
         Knowing, "probability", lambda self, example: physics_probability(example.physics)
     )
-    absorption = learn({"true": 1.0}).absorption
-    assert absorption == residual.Absorption(gain_before=0, gain_after=0, share=None, interval=None)
+    gain = learn({"true": 1.0}).absorption
+    assert gain.gain_before == gain.gain_after == gain.gain_floor == 0
+    assert not gain.closable and gain.share is gain.interval is None
 
 
 def test_without_a_locked_scene_nothing_is_learnt(method):
