@@ -29,6 +29,7 @@ def diagnose_captures(
     families: Sequence[str] = (),
     leave_out: Sequence[str] = (),
     fix: bool = False,
+    residual: bool = False,
     force: bool = False,
     asked: Mapping[str, Any] | None = None,
     tell: progress.Progress = progress.silent,
@@ -43,6 +44,7 @@ def diagnose_captures(
         families: of effects that are tried; all if none.
         leave_out: families that are not.
         fix: write the sensor with the accepted effects in.
+        residual: learn what physics misses, and tell how far that reaches.
         force: replace what was written before.
         asked: more arguments for the record.
         tell: wraps loops that take long.
@@ -58,7 +60,12 @@ def diagnose_captures(
     refuse_own_input(out, opened.path)
     with OutputFolder(out, force=force) as folder:
         found = diagnose(
-            opened, sensor, cache=cache, families=_tried(families, leave_out), tell=tell
+            opened,
+            sensor,
+            cache=cache,
+            families=_tried(families, leave_out),
+            residual=residual,
+            tell=tell,
         )
         figures = numbers.figures(found)
         folder.write("report.json", record.dumps(figures))
@@ -75,6 +82,7 @@ def diagnose_captures(
                         "families": list(families),
                         "leave_out": list(leave_out),
                         "fix": fix,
+                        "residual": residual,
                         **(asked or {}),
                     },
                     "versions": record.versions(),

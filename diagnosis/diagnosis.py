@@ -8,6 +8,7 @@ from pathlib import Path
 
 from diagnosis.crew import Crew
 from diagnosis.howfar.judged import Judged
+from diagnosis.howfar.residual import Residual, learn
 from diagnosis.named import FEWEST, LOCKED, Kind, Named, named, open_arms, parted, screened
 from diagnosis.report.shown import Shown, shown
 from diagnosis.subject import Subject, subject
@@ -16,7 +17,7 @@ from diagnosis.where import where
 from diagnosis.where.where import Where
 from diagnosis.which.arm import Found
 from diagnosis.which.candidates import Arm
-from patterns.errors import refuse
+from patterns.errors import InputError, refuse
 from sim import progress
 from sim.capture import CaptureSet
 from sim.effects.effect import Value
@@ -36,6 +37,7 @@ class Diagnosis:
     settings: dict[str, Value]  # By accepted effect, all arms'.
     tell_apart: tuple[Told, ...]  # The best capture for each pair of rivals.
     howfar: Judged | None  # None where no scene is locked or nothing is named.
+    residual: Residual | None  # None where it was not asked for, or nothing could be learnt.
     shown: Shown  # A scene that pictures are made of, a locked one where there is any.
 
 
@@ -45,6 +47,7 @@ def diagnose(
     *,
     cache: Path | None = None,
     families: Sequence[str] | None = None,
+    residual: bool = False,
     tell: progress.Progress = progress.silent,
 ) -> Diagnosis:
     """Diagnose the gap between a capture set and a sensor that should be its camera's.
@@ -54,6 +57,7 @@ def diagnose(
         sensor: the base: a preset or a calibrated sensor, with the captures' geometry.
         cache: folder that keeps what effects do to these scenes.
         families: of effects that are tried; None tries all.
+        residual: learn what physics misses, as a bound and a witness (`howfar.residual`).
         tell: wraps loops that take long.
 
     Raises:
@@ -69,16 +73,23 @@ def diagnose(
             for arm in open_arms(asked)
         ]
         found = named(screens, locked)
+    limits, learnt = _limits(subjects, locked, found), None
+    if residual:
+        try:
+            learnt = learn(asked, locked, found.settings if found.together else {}, tell=tell)
+        except InputError as error:  # What was found without it is told all the same.
+            limits.append(f"No residual was learnt: {error}")
     return Diagnosis(
         kind=found.kind,
         scenes=tuple(one.name for one in subjects),
         locked=tuple(one.name for one in locked),
-        limits=tuple(_limits(subjects, locked, found)),
+        limits=tuple(limits),
         where=where.where(subjects),
         arms=found.arms,
         settings=found.settings,
         tell_apart=tuple(_told(found.arms, asked, tell)),
         howfar=found.howfar,
+        residual=learnt,
         shown=shown((locked or subjects)[0], found.settings if found.together else {}),
     )
 

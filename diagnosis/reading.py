@@ -25,6 +25,11 @@ class Reading:
     ours_px: Maps | None  # Disparity by our matcher, of the first repeat; NaN where there is none.
     device_px: Maps | None  # Disparity by the device's own depth; NaN likewise.
 
+    @property
+    def depth_px(self) -> Maps | None:
+        """Disparity by the device's own depth, where it has none by our matcher."""
+        return self.ours_px if self.device_px is None else self.device_px
+
 
 def read(scene: CapturedScene, sensor: Sensor) -> Reading:
     """Read all repeats of a captured scene, and match its infrared pairs.
@@ -63,8 +68,15 @@ def matched(left: Images, right: Images, sensor: Sensor) -> Maps:
     Returns:
         (n, h, w) disparity [px], post-processing and range included; NaN where there is none.
     """
-    as_captured = dataclasses.replace(sensor, left=dataclasses.replace(sensor.left, dropped_bits=0))
-    return measured(left, right, as_captured)
+    return measured(left, right, as_captured(sensor))
+
+
+def as_captured(sensor: Sensor) -> Sensor:
+    """The sensor whose matcher reads the images as they are captured, without finer bits."""
+    left, right = (
+        dataclasses.replace(imager, dropped_bits=0) for imager in (sensor.left, sensor.right)
+    )
+    return dataclasses.replace(sensor, left=left, right=right)
 
 
 def measured(left: Images, right: Images, sensor: Sensor) -> Maps:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from diagnosis import projector_frame
 from diagnosis.ground import Ground, ground
-from diagnosis.reading import Maps, Reading, matched, measured, read, written
+from diagnosis.reading import Maps, Reading, as_captured, matched, measured, read, written
+from learning.example import Physics
+from learning.simulated import summary
 from patterns.errors import refuse
 from sim import simulate
 from sim.capture import CapturedScene
@@ -76,14 +78,29 @@ class Subject:
         maps = matched(pair.left, pair.right, sensor)
         return dataclasses.replace(pair, device_px=written(maps, sensor))
 
-    def _pairs(
-        self, settings: Mapping[str, Value], seed: int
-    ) -> tuple[Sensor, list[simulate.Pair]]:
+    def physics(self, settings: Mapping[str, Value], *, seeds: Sequence[int]) -> Physics:
+        """What readings of several seeds say together, for `learning` to build on.
+
+        Their depth is that of `capture` where the device's own was captured, else of `simulate`.
+        """
+        sensor, scene, layers = self._set(settings)
+        if self.real.device_px is None:
+            sensor = as_captured(sensor)
+        own = [scene_seed(seed, self.name) for seed in seeds]
+        return summary([simulate.expose(layers, scene, sensor, seed=seed) for seed in own], sensor)
+
+    def _set(self, settings: Mapping[str, Value]) -> tuple[Sensor, Scene, Layers]:
         sensor, scene = setting.apply(self.sensor, self.scene, settings)
-        own = scene_seed(seed, self.name)
         layers = self._layers
         if any(named(name.partition(".")[0]).rerender for name in settings):
             layers = simulate.rendered(self._stage.of(scene), sensor, samples=_SAMPLES)
+        return sensor, scene, layers
+
+    def _pairs(
+        self, settings: Mapping[str, Value], seed: int
+    ) -> tuple[Sensor, list[simulate.Pair]]:
+        sensor, scene, layers = self._set(settings)
+        own = scene_seed(seed, self.name)
         return sensor, [
             simulate.infrared(layers, scene, sensor, seed=own, frame=frame)
             for frame in range(self.frames)

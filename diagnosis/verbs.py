@@ -21,6 +21,7 @@ def diagnose(
     leave_out: tuple[str, ...] = (),
     edits: Edits = (),
     fix: bool = False,
+    residual: bool = False,
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
@@ -37,6 +38,8 @@ def diagnose(
         families: of effects (see `starling effects`) that are tried; all where none is named.
         leave_out: families that are not tried.
         fix: write sensor.toml with the accepted effects in.
+        residual: train a network on what physics misses, to tell how much any explanation can close
+            and how much of it the named effects take over; minutes.
         force: drop what starling left in the folder.
     """
     from diagnosis import diagnose_captures as diagnosing
@@ -52,6 +55,7 @@ def diagnose(
             families=families,
             leave_out=leave_out,
             fix=fix,
+            residual=residual,
             force=force,
             asked={"sensor": sensor, "set": edits},
             tell=tell,

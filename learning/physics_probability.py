@@ -18,6 +18,19 @@ _RAREST = 1e-3  # Least share of holes, or of depth, that a scene is taken to ha
 
 
 def physics_probability(physics: Physics, *, place_px: float = PLACE_PX) -> Image:
+    """Probability (h, w) of no depth that repeated simulations tell (see `drawn_probability`).
+
+    Args:
+        physics: repeated simulations.
+        place_px: sigma of the Gaussian; 0 = as drawn.
+
+    Raises:
+        InputError: if there is no draw.
+    """
+    return drawn_probability(physics.ndp, physics.draws, place_px=place_px)
+
+
+def drawn_probability(ndp: NDArray, draws: int, *, place_px: float = PLACE_PX) -> Image:
     """Probability (h, w) of no depth from k of n draws: (k' + a m) / (n + a), a = 1 draw.
 
     k' is k smoothed by a Gaussian: holes are told no more precisely than a matching window.
@@ -26,7 +39,8 @@ def physics_probability(physics: Physics, *, place_px: float = PLACE_PX) -> Imag
     doubt in each would tell 6 % of holes where there are none.
 
     Args:
-        physics: repeated simulations.
+        ndp: (h, w) k / n, share of the draws without depth, 0 to 1.
+        draws: n.
         place_px: sigma of the Gaussian; 0 = as drawn.
 
     Source: the posterior mean under a beta prior fitted to all pixels (empirical Bayes; Casella, An
@@ -35,13 +49,12 @@ def physics_probability(physics: Physics, *, place_px: float = PLACE_PX) -> Imag
     Raises:
         InputError: if there is no draw.
     """
-    errors.in_interval("draws", physics.draws, 1, 1_000_000, "Simulate at least once.")
-    mean = np.clip(physics.ndp.mean(dtype=np.float64), _RAREST, 1 - _RAREST)
-    share = physics.ndp.astype(np.float64)
+    errors.in_interval("draws", draws, 1, 1_000_000, "Simulate at least once.")
+    mean = np.clip(ndp.mean(dtype=np.float64), _RAREST, 1 - _RAREST)
+    share = ndp.astype(np.float64)
     if place_px > 0:
         share = np.clip(_smoothed(share, place_px), 0, 1)
-    without = share * physics.draws
-    return ((without + PRIOR_DRAWS * mean) / (physics.draws + PRIOR_DRAWS)).astype(np.float32)
+    return ((share * draws + PRIOR_DRAWS * mean) / (draws + PRIOR_DRAWS)).astype(np.float32)
 
 
 def as_precise_as_physics(image: NDArray) -> NDArray:

@@ -50,10 +50,16 @@ def physics(
     others = [
         simulating.expose(first.layers, stage.scene, sensor, seed=number) for number in seeds[1:]
     ]
-    return _summary([first, *others], sensor)
+    return summary([first, *others], sensor)
 
 
-def _summary(shots: Sequence[Shot], sensor: Sensor) -> Physics:
+def summary(shots: Sequence[Shot], sensor: Sensor) -> Physics:
+    """What readings of one scene, each with noise of its own, say together.
+
+    Args:
+        shots: at least one.
+        sensor: theirs.
+    """
     valid = np.stack([shot.depth.valid for shot in shots])
     matched = np.maximum(valid.sum(axis=0), 1)
     disparity = np.stack([shot.depth.disparity_px for shot in shots])

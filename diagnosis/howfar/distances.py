@@ -6,40 +6,34 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from diagnosis.ground import Ground, Image, Mask
+from diagnosis.howfar import holes
 from diagnosis.reading import Reading
+from learning.physics_probability import drawn_probability
 
 _FAR_OFF_PX = 2.0  # Errors beyond count as this far: a single far one must not decide.
 _QUANTILES = np.linspace(0.005, 0.995, 199)
-_EDGES = np.linspace(0, 1, 11)  # Bins of probabilities that are told.
 _LEAST_DN = 0.3  # Deviation of a code that no camera is below: rounding's.
 
 
-def distances(
-    real: Reading, simulated: Sequence[Reading], ground: Ground, *, device: bool
-) -> dict[str, float]:
+def distances(real: Reading, simulated: Sequence[Reading], ground: Ground) -> dict[str, float]:
     """Measure a scene.
 
     Args:
         real: its captured reading.
         simulated: readings of several seeds.
         ground: of the scene.
-        device: compare with the device's own depth; else with our matcher's on the real images.
 
     Returns:
-        Brier score, 1 - AUC and ECE of the simulated share of draws without depth; 1 - overlap of
-        one draw's holes (`iou`); difference of bias and of the logarithm of NMAD; distance of the
-        errors' distributions [px]; where there is infrared its dots' contrast and its mean
+        Brier score, 1 - AUC and ECE of what the draws tell of holes (`howfar.holes`); 1 - overlap
+        of one draw's holes (`iou`); difference of bias and of the logarithm of NMAD; distance of
+        the errors' distributions [px]; where there is infrared its dots' contrast and its mean
         negative log likelihood a pixel; with repeats the logarithm of noise in time.
     """
-    target = real.device_px if device else real.ours_px
+    target = real.depth_px
     assert target is not None
-    maps = [
-        one.ours_px if one.device_px is None or not device else one.device_px for one in simulated
-    ]
-    draws = np.stack([one[0] for one in maps if one is not None])
+    draws = np.stack([one.depth_px[0] for one in simulated if one.depth_px is not None])
     found = _holes(~np.isfinite(target[0]), ~np.isfinite(draws), ground.counted)
     found |= _errors(target[0], draws, ground)
     if real.left is not None and simulated[0].left is not None:
@@ -50,22 +44,11 @@ def distances(
 
 
 def _holes(real: Mask, draws: NDArray[np.bool_], where: Mask) -> dict[str, float]:
-    told = (draws[:, where].sum(axis=0) + 0.5) / (len(draws) + 1)
-    hole = real[where]
-    overlap = np.count_nonzero(draws[0][where] & hole)
-    union = np.count_nonzero(draws[0][where] | hole)
-    order = stats.rankdata(told)
-    ones, zeros = int(hole.sum()), int((~hole).sum())
-    area = float("nan")
-    if ones and zeros:
-        area = (order[hole].sum() - ones * (ones + 1) / 2) / (ones * zeros)
-    bin_of = np.clip(np.digitize(told, _EDGES) - 1, 0, len(_EDGES) - 2)
-    count = np.bincount(bin_of, minlength=len(_EDGES) - 1)
-    off = np.abs(np.bincount(bin_of, told - hole, len(_EDGES) - 1))
+    told = drawn_probability(draws.mean(axis=0), len(draws))
+    overlap = np.count_nonzero(draws[0] & real & where)
+    union = np.count_nonzero((draws[0] | real) & where)
     return {
-        "ndp_brier": float(np.mean((told - hole) ** 2)),
-        "ndp_1_auc": 1 - area,
-        "ndp_ece": float(off.sum() / max(count.sum(), 1)),
+        **holes.figures(told, real, where),
         "ndp_1_iou": 1 - overlap / union if union else 0.0,
     }
 

@@ -21,8 +21,8 @@ from sim.effects.effect import Value
 
 Settings = Mapping[str, Value]
 
-_DRAWS = 4  # Seeds of a simulated reading.
-_OTHER = 100  # Seed of what stands for another capture of the same scene.
+DRAWS = 4  # Seeds of a simulated reading.
+OTHER = 100  # Seed of what stands for another capture of the same scene.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ def judged(locked: Sequence[Subject], settings: Settings, arms: Sequence[Found])
     """
     before = [_distances(one.real, one, {}) for one in locked]
     after = [_distances(one.real, one, settings) for one in locked]
-    floor = [_distances(_drawn(one, settings, _OTHER), one, settings) for one in locked]
+    floor = [_distances(drawn(one, settings, OTHER), one, settings) for one in locked]
     shares: dict[str, float] = {}
     for arm in arms:
         table, likelihood, other = _likelihoods(arm, locked)
@@ -64,11 +64,11 @@ def judged(locked: Sequence[Subject], settings: Settings, arms: Sequence[Found])
 
 
 def _distances(real: Reading, of: Subject, settings: Settings) -> dict[str, float]:
-    drawn = [_drawn(of, settings, seed) for seed in range(_DRAWS)]
-    return distances(real, drawn, of.ground, device=real.device_px is not None)
+    readings = [drawn(of, settings, seed) for seed in range(DRAWS)]
+    return distances(real, readings, of.ground)
 
 
-def _drawn(of: Subject, settings: Settings, seed: int) -> Reading:
+def drawn(of: Subject, settings: Settings, seed: int) -> Reading:
     """A simulated reading of what was captured: with depth of the device's own where it was."""
     make = of.simulate if of.real.device_px is None else of.capture
     return make(settings, seed=seed)
@@ -78,10 +78,10 @@ def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likeliho
     """The locked scenes' features: of the real readings, and of simulated ones in their place."""
     table = dataclasses.replace(arm.bench, subjects=tuple(locked), crew=None, _kept={})
     base, weight = null.base(table), arm.screen.weight
-    other = table.simulated(arm.settings, seed=_OTHER)
+    other = table.simulated(arm.settings, seed=OTHER)
     assert other is not None
     if table.arm is Arm.DEPTH and len(base.tables) > 1:
-        other = other + table.finer(seed=_OTHER)
+        other = other + table.finer(seed=OTHER)
     return table, base.likelihood(table.real(), weight), base.likelihood(other, weight)
 
 

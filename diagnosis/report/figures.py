@@ -9,6 +9,7 @@ from typing import Any
 
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.howfar.judged import Judged
+from diagnosis.howfar.residual import Residual
 from diagnosis.report import sentences
 from diagnosis.which.arm import Found
 from diagnosis.which.search import Accepted
@@ -38,8 +39,11 @@ def figures(of: Diagnosis) -> dict[str, Any]:
                 "bodies": [dataclasses.asdict(body) for body in of.where.bodies],
             },
             "which": {arm.bench.arm.value: _arm(arm) for arm in of.arms},
-            "howfar": howfar(of.howfar),
+            "howfar": _with_bound(howfar(of.howfar), of.residual),
             "shares": {} if of.howfar is None else of.howfar.shares,
+            "absorption": (
+                {} if of.residual is None else dataclasses.asdict(of.residual.absorption)
+            ),
             "scenes": of.scenes,
             "locked": of.locked,
             "limits": of.limits,
@@ -57,6 +61,18 @@ def howfar(of: Judged | None) -> dict[str, Any]:
     if of is None:
         return {}
     return {name: dataclasses.asdict(one) for name, one in of.figures.items()}
+
+
+def _with_bound(told: dict[str, Any], of: Residual | None) -> dict[str, Any]:
+    """Put beside each figure what a learned residual reaches on the base."""
+    if of is None:
+        return told
+    unknown = dict.fromkeys(("before", "after", "floor", "closed_pct", "interval"))
+    bounds = {
+        name: {**told.get(name, {**unknown, "before": of.alone[name]}), "bound": bound}
+        for name, bound in of.bound.items()
+    }
+    return told | bounds
 
 
 def _part(part: Any) -> dict[str, Any]:

@@ -7,8 +7,10 @@ from html import escape
 from calibration.report.elements import counted, number
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.howfar.closed import Closed
-from diagnosis.report.elements import Bar, chart, interval, prose
+from diagnosis.report import residual
+from diagnosis.report.elements import Bar, Kind, chart, interval, prose
 
+_KINDS: dict[str, Kind] = {"after": "second", "floor": "part", "bound": "third"}
 _TITLES = {
     "ndp_brier": "Holes: Brier score",
     "ndp_1_auc": "Holes: 1 less area under the curve",
@@ -25,11 +27,21 @@ _TITLES = {
 
 def section(of: Diagnosis) -> str:
     """Write the answer to the third question as HTML."""
+    learnt = "" if of.residual is None else residual.section(of.residual)
+    bound = {} if of.residual is None else of.residual.bound
     if of.howfar is None:
+        before = {} if of.residual is None else of.residual.alone
         why = (
             "no scene is locked" if not of.locked else "no effect is named whose share could be had"
         )
-        return prose(f"How far the gap closes was not judged: {why}.")
+        return (
+            prose(f"How far the gap closes was not judged: {why}.")
+            + "".join(
+                f"<h4>{_title(name)}</h4>{_bars(before=before[name], bound=bound[name])}"
+                for name in bound
+            )
+            + learnt
+        )
     said = (
         f"Measured on {counted(len(of.locked), 'scene')} that had no say in what is named. Each "
         "figure tells how far simulated is from real: the less, the better. Floor: that of two "
@@ -39,21 +51,31 @@ def section(of: Diagnosis) -> str:
     )
     return (
         prose(said)
-        + "".join(_figure(name, one) for name, one in of.howfar.figures.items())
+        + "".join(_figure(name, one, bound.get(name)) for name, one in of.howfar.figures.items())
         + _shares(of.howfar.shares)
+        + learnt
     )
 
 
-def _figure(name: str, one: Closed) -> str:
-    bars = [
-        Bar(name="before", value=one.before, told=number(one.before)),
-        Bar(name="after", value=one.after, told=number(one.after), kind="second"),
-        Bar(name="floor", value=one.floor, told=number(one.floor), kind="part"),
-    ]
-    title = escape(name.capitalize())
+def _figure(name: str, one: Closed, bound: float | None) -> str:
+    drawn = _bars(before=one.before, after=one.after, floor=one.floor, bound=bound)
+    return f"<h4>{_title(name)}</h4><p>{escape(_closed(one))}</p>{drawn}"
+
+
+def _bars(**values: float | None) -> str:
+    return chart(
+        [
+            Bar(name=name, value=value, told=number(value), kind=_KINDS.get(name, "first"))
+            for name, value in values.items()
+            if value is not None
+        ]
+    )
+
+
+def _title(name: str) -> str:
     if name in _TITLES:
-        title = f"{escape(_TITLES[name])} <code>{escape(name)}</code>"
-    return f"<h4>{title}</h4><p>{escape(_closed(one))}</p>{chart(bars)}"
+        return f"{escape(_TITLES[name])} <code>{escape(name)}</code>"
+    return escape(name.capitalize())
 
 
 def _closed(one: Closed) -> str:

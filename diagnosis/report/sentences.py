@@ -18,7 +18,7 @@ STAGES = {
 
 def answer(of: Diagnosis) -> list[str]:
     """Say what was found, one sentence for each question."""
-    return [_where(of), _which(of), _howfar(of)]
+    return [_where(of), _which(of), " ".join([_howfar(of), *_residual(of)])]
 
 
 def _where(of: Diagnosis) -> str:
@@ -77,6 +77,24 @@ def _howfar(of: Diagnosis) -> str:
     if not said:
         return f"On {scenes} that had no say there was nothing to close."
     return f"Of the closable gap on {scenes} that had no say: " + ", ".join(said) + "."
+
+
+def _residual(of: Diagnosis) -> list[str]:
+    """What a network that corrects the base reaches, and what effects leave it to learn."""
+    if of.residual is None:
+        return []
+    before, bound = (f"{one['ndp_brier']:.3g}" for one in (of.residual.alone, of.residual.bound))
+    said = f"A learned residual takes the Brier score of holes from {before} to {bound}"
+    one = of.residual.absorption
+    if not one.closable:
+        return [f"{said}, not surely more than where nothing is off."]
+    said += f", by {one.gain_before - one.gain_floor:.2g} more than where nothing is off."
+    if one.share is None:
+        return [said]
+    ends = ""
+    if one.interval is not None:
+        ends = f" [{100 * one.interval[0]:.0f}, {100 * one.interval[1]:.0f}]"
+    return [said, f"The effects take over {100 * one.share:.0f} %{ends} of that."]
 
 
 def _interval(one: Closed) -> str:

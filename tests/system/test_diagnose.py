@@ -6,9 +6,11 @@ together. How often the right effect is named is told by `starling withheld`, no
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from diagnosis.tell_apart import MENU, tell_apart
 from diagnosis.which.candidates import Arm
 from diagnosis.which.candidates import candidates as all_candidates
 from diagnosis.withheld import case, shoot
+from learning import registry
 from sim import capture, sensors
 from sim.sensor import Sensor
 from sim.sensor_edits import with_values
@@ -157,6 +160,33 @@ def test_a_family_that_is_none_is_refused(place, tmp_path, capsys):
     flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
     assert starling.main(["diagnose", str(place / "bent"), *flags, "--leave-out", "tone"]) == 1
     assert "family" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_residual_is_learnt_and_judged_where_it_has_not_learnt(place, diagnosed, monkeypatch):
+    monkeypatch.setattr(registry, "method", partial(registry.method, steps=3))
+    told = diagnosed(place / "bent", "--residual")
+    assert [one["name"] for one in told["effects"]] == ["gamma"]
+    for name in ("ndp_brier", "ndp_1_auc", "ndp_ece"):
+        assert 0 <= told["howfar"][name]["bound"] <= 1
+        assert told["howfar"][name]["after"] is not None
+    gain = told["absorption"]
+    assert None not in (gain["gain_before"], gain["gain_after"], gain["gain_floor"])
+    assert "A learned residual takes" in told["says"][2]
+    told = diagnosed(place / "bent" / "clutter-1", "--residual")
+    assert any("No residual was learnt: locked scenes must" in limit for limit in told["limits"])
+    assert told["howfar"] == {} and told["absorption"] == {}
+
+
+def test_what_is_learnt_from_are_the_holes_that_how_far_is_told_of(place):
+    finer = with_values(sensor(), [("imager.dropped_bits", 2)])
+    one = subject.subject(capture.open_set(place / "null").scenes[0], finer)
+    settings = {"interreflection": 0.0, "veil": 0.02}
+    images = [~np.isfinite(one.simulate(settings, seed=seed).ours_px[0]) for seed in (0, 1)]
+    np.testing.assert_array_equal(one.physics(settings, seeds=(0, 1)).ndp, np.mean(images, 0))
+    one.real = dataclasses.replace(one.real, device_px=one.real.ours_px)
+    own = [~np.isfinite(one.capture(settings, seed=seed).device_px[0]) for seed in (0, 1)]
+    np.testing.assert_array_equal(one.physics(settings, seeds=(0, 1)).ndp, np.mean(own, 0))
 
 
 def test_a_capture_that_tells_is_found(place):

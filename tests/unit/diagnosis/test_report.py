@@ -133,6 +133,7 @@ def diagnosis(captured: list[Reading] | None = None, **others: Any) -> Diagnosis
         "settings": NAMED.settings,
         "tell_apart": (),
         "howfar": HOWFAR,
+        "residual": None,
         "shown": Shown(
             scene=names[-1] if len(names) < 2 else names[1],
             real=captured[0],

@@ -1,0 +1,173 @@
+"""The learned residual as a bound and as a witness.
+
+*Bound*: what a network that corrects the base's holes reaches on scenes that had no say: anything
+that knows what the network knows can close as much.
+*Witness*: with a true effect in the simulator the network gains no more than where nothing is off;
+with a stand-in it gains as much as before. Where nothing is off it gains too: it learns how sure a
+few draws are.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from diagnosis.howfar import holes
+from diagnosis.howfar.closed import closed
+from diagnosis.howfar.judged import DRAWS, OTHER, Settings, drawn
+from diagnosis.reading import Reading
+from diagnosis.subject import Subject
+from learning import registry
+from learning.example import Example
+from learning.learnable import known_holes
+from learning.physics_probability import physics_probability
+from patterns.errors import refuse
+from sim import progress
+from sim.depth import depth_from_disparity
+
+_METHOD = "hybrid"
+_SEED = 0
+_BRIER = "ndp_brier"
+_GAIN = "gain"
+
+_Gains = Sequence[Mapping[str, float]]  # Of each scene.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Absorption:
+    """How much less a residual gains with the accepted effects in.
+
+    A gain is the Brier score of physics alone less that with the residual, mean over scenes.
+    """
+
+    gain_before: float  # On the base.
+    gain_after: float | None  # With the accepted effects; None where there is none.
+    gain_floor: float  # Of another simulated capture in the real one's place.
+    closable: bool  # Whether before is above floor for sure.
+    share: float | None  # Before less after, over before less floor; None where not known.
+    interval: tuple[float, float] | None  # 95 %, bootstrap over scenes; None of one scene.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Residual:
+    """What was learnt, judged on locked scenes; figures by `diagnosis.howfar.holes`."""
+
+    alone: dict[str, float]  # Of the base's physics, mean over scenes.
+    bound: dict[str, float]  # With the residual.
+    absorption: Absorption
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """Figures of each locked scene."""
+
+    alone: list[dict[str, float]]
+    corrected: list[dict[str, float]]
+
+    @property
+    def gains(self) -> list[dict[str, float]]:
+        pairs = zip(self.alone, self.corrected, strict=True)
+        return [{_GAIN: one[_BRIER] - other[_BRIER]} for one, other in pairs]
+
+
+def learn(
+    asked: Sequence[Subject],
+    locked: Sequence[Subject],
+    settings: Settings,
+    *,
+    tell: progress.Progress = progress.silent,
+) -> Residual:
+    """Learn the residual of the base, of the simulator with effects, and of one that is right.
+
+    Holes are those of the device's own depth, where it has none our matcher's.
+
+    Args:
+        asked: subjects to learn from.
+        locked: subjects to judge on.
+        settings: value by accepted effect.
+        tell: wraps loops that take long.
+
+    Raises:
+        InputError: if no scene is locked, one has no depth, or nothing can be learnt from those
+            that are asked (`learning.learnable`).
+    """
+    if not locked:
+        raise refuse("locked scenes", "must be at least 1", 0, "Take captures of four rooms.")
+
+    def told(by: Settings, real: Callable[[Subject], Reading]) -> _Told:
+        many = [_example(one, by, real(one)) for one in tell([*asked, *locked], "holes simulated")]
+        return _judged(many[: len(asked)], many[len(asked) :], tell)
+
+    before = told({}, lambda one: one.real)
+    after = told(settings, lambda one: one.real) if settings else None
+    floor = told(settings, lambda one: drawn(one, settings, OTHER))
+    return Residual(
+        alone=_mean(before.alone),
+        bound=_mean(before.corrected),
+        absorption=_absorption(before.gains, after and after.gains, floor.gains),
+    )
+
+
+def _judged(
+    learnt_from: Sequence[Example], held: Sequence[Example], tell: progress.Progress
+) -> _Told:
+    with tempfile.TemporaryDirectory() as folder:
+        predictor = registry.method(_METHOD).fit(
+            learnt_from, folder=Path(folder), seed=_SEED, tell=tell
+        )
+    found = _Told([], [])
+    for one in held:
+        assert one.physics is not None
+        known = known_holes(one)
+        found.alone.append(holes.figures(physics_probability(one.physics), *known))
+        found.corrected.append(holes.figures(predictor.probability(one), *known))
+    return found
+
+
+def _example(of: Subject, settings: Settings, real: Reading) -> Example:
+    ground = of.ground
+    if real.depth_px is None:
+        rule = "must have depth of its own or an infrared pair"
+        raise refuse(f"scene {of.name}", rule, "neither", "Leave it out.")
+    info = ground.info
+    return Example(
+        scene=of.name,
+        room=of.room,
+        info=info,
+        depth_m=depth_from_disparity(
+            ground.disparity_px, focal_px=info.fx_px, baseline_m=info.baseline_m
+        ),
+        ndp=~np.isfinite(real.depth_px[0]),
+        counted=ground.counted,
+        physics=of.physics(settings, seeds=range(DRAWS)),
+    )
+
+
+def _mean(scenes: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Mean of each figure over the scenes that have it; NaN where none has."""
+    found = {}
+    for name in scenes[0]:
+        known = [one[name] for one in scenes if np.isfinite(one[name])]
+        found[name] = float(np.mean(known)) if known else float("nan")
+    return found
+
+
+def _absorption(before: _Gains, after: _Gains | None, floor: _Gains) -> Absorption:
+    gain = closed(before, before if after is None else after, floor)[_GAIN]
+    share, interval = None, None
+    if after is not None and gain.closed_pct is not None:
+        share = gain.closed_pct / 100
+        if gain.interval is not None:
+            interval = (gain.interval[0] / 100, gain.interval[1] / 100)
+    return Absorption(
+        gain_before=gain.before,
+        gain_after=None if after is None else gain.after,
+        gain_floor=gain.floor,
+        closable=gain.closed_pct is not None,
+        share=share,
+        interval=interval,
+    )
