@@ -10,13 +10,13 @@ from diagnosis.crew import Crew
 from diagnosis.howfar.judged import Judged
 from diagnosis.named import FEWEST, LOCKED, Kind, Named, named, open_arms, parted, screened
 from diagnosis.report.shown import Shown, shown
+from diagnosis.scene_pairs import scene_pairs
 from diagnosis.subject import Subject, subject
 from diagnosis.tell_apart import Told, tell_apart
 from diagnosis.where import where
 from diagnosis.where.where import Where
 from diagnosis.which.arm import Found
 from diagnosis.which.candidates import Arm
-from patterns.errors import refuse
 from sim import progress
 from sim.capture import CaptureSet
 from sim.effects.effect import Value
@@ -28,6 +28,7 @@ class Diagnosis:
     """Answers of one run."""
 
     kind: Kind
+    against: str | None  # Capture set that this one is compared with; None: with simulation.
     scenes: tuple[str, ...]
     locked: tuple[str, ...]  # Those of the scenes that only tell how far.
     limits: tuple[str, ...]  # What these captures cannot tell, a sentence each.
@@ -43,27 +44,31 @@ def diagnose(
     captures: CaptureSet,
     sensor: Sensor,
     *,
+    against: CaptureSet | None = None,
     cache: Path | None = None,
     families: Sequence[str] | None = None,
     tell: progress.Progress = progress.silent,
 ) -> Diagnosis:
-    """Diagnose the gap between a capture set and a sensor that should be its camera's.
+    """Diagnose the gap between a capture set and a sensor, or another capture set of the scenes.
 
     Args:
         captures: scenes with reference depth or known geometry.
         sensor: the base: a preset or a calibrated sensor, with the captures' geometry.
+        against: capture set of the same scenes by the base, which is compared in place of
+            simulated readings; only scenes that both have count.
         cache: folder that keeps what effects do to these scenes.
         families: of effects that are tried; None tries all.
         tell: wraps loops that take long.
 
     Raises:
-        InputError: if a scene is damaged, or none has geometry or reference depth.
+        InputError: if a scene is damaged, none has geometry or reference depth, or both sets
+            differ in geometry or have nothing in common.
     """
-    subjects = [subject(scene, sensor) for scene in tell(captures.scenes, "scenes")]
-    if not subjects:
-        raise refuse("captures", "must hold a scene", 0, "Take captures first.")
+    scenes = scene_pairs(captures, against)
+    subjects = [subject(one, sensor, against=other) for one, other in tell(scenes.pairs, "scenes")]
     asked, locked = parted(subjects)
-    with Crew(captures.path, sensor, [one.name for one in asked]) as crew:
+    other = None if against is None else against.path
+    with Crew(captures.path, sensor, [one.name for one in asked], against=other) as crew:
         screens = [
             screened(arm, asked, families, cache=cache, crew=crew, tell=tell)
             for arm in open_arms(asked)
@@ -71,9 +76,10 @@ def diagnose(
         found = named(screens, locked)
     return Diagnosis(
         kind=found.kind,
+        against=None if other is None else str(other),
         scenes=tuple(one.name for one in subjects),
         locked=tuple(one.name for one in locked),
-        limits=tuple(_limits(subjects, locked, found)),
+        limits=tuple(_limits(subjects, locked, found, scenes.aside)),
         where=where.where(subjects),
         arms=found.arms,
         settings=found.settings,
@@ -83,8 +89,15 @@ def diagnose(
     )
 
 
-def _limits(subjects: Sequence[Subject], locked: Sequence[Subject], named: Named) -> list[str]:
+def _limits(
+    subjects: Sequence[Subject],
+    locked: Sequence[Subject],
+    named: Named,
+    aside: Sequence[str],
+) -> list[str]:
     found = []
+    if aside:
+        found.append(f"Only one of the two sets has these scenes, left aside: {', '.join(aside)}.")
     rooms = {one.room for one in subjects}
     if len(rooms) < FEWEST:
         found.append("One room alone: nothing can be held out, so no effect is named.")

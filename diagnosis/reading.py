@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from patterns.errors import refuse
 from sim import measurement
 from sim.capture import CapturedScene
 from sim.sensor import Sensor
@@ -24,6 +25,18 @@ class Reading:
     right: Images | None
     ours_px: Maps | None  # Disparity by our matcher, of the first repeat; NaN where there is none.
     device_px: Maps | None  # Disparity by the device's own depth; NaN likewise.
+
+    @property
+    def depth_px(self) -> Maps:
+        """Disparity by the device's own depth where there is any, else by our matcher."""
+        maps = self.ours_px if self.device_px is None else self.device_px
+        assert maps is not None
+        return maps
+
+    @property
+    def repeats(self) -> int:
+        """How many there are, of the kind that has fewest."""
+        return min(len(one) for one in (self.left, self.device_px) if one is not None)
 
 
 def read(scene: CapturedScene, sensor: Sensor) -> Reading:
@@ -48,6 +61,33 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
         ours_px=None if left is None or right is None else matched(left[:1], right[:1], sensor),
         device_px=np.stack([scene.info.disparity_px(one) for one in depths]) if depths else None,
     )
+
+
+def alike(one: Reading, other: Reading) -> tuple[Reading, Reading]:
+    """Leave of two readings what both hold: infrared, depth of the device's own, or both.
+
+    Raises:
+        InputError: if they have nothing in common.
+    """
+    paired = one.left is not None and other.left is not None
+    measured = one.device_px is not None and other.device_px is not None
+    if not paired and not measured:
+        raise refuse(
+            "captures against others",
+            "must both hold infrared pairs, or both depth",
+            "one of each",
+            "Capture the same of both.",
+        )
+    first, second = (
+        Reading(
+            left=each.left if paired else None,
+            right=each.right if paired else None,
+            ours_px=each.ours_px if paired else None,
+            device_px=each.device_px if measured else None,
+        )
+        for each in (one, other)
+    )
+    return first, second
 
 
 def written(disparity_px: Maps, sensor: Sensor) -> Maps:

@@ -16,6 +16,7 @@ def diagnose(
     *,
     sensor: str,
     out: Path,
+    against: str = "",
     cache: Path | None = None,
     families: tuple[str, ...] = (),
     leave_out: tuple[str, ...] = (),
@@ -31,8 +32,9 @@ def diagnose(
     Args:
         captures: capture set with reference depth or known geometry, best with infrared pairs.
         sensor: preset (see `starling sensors`) or sensor file (.toml) that the captures' camera
-            should be.
+            should be; with --against, the camera of those.
         out: folder for the report.
+        against: capture set of the same scenes that is compared in place of simulated captures.
         cache: folder that keeps what is simulated, for other runs on the same scenes.
         families: of effects (see `starling effects`) that are tried; all where none is named.
         leave_out: families that are not tried.
@@ -48,6 +50,7 @@ def diagnose(
             captures,
             camera,
             out,
+            against=against,
             cache=cache,
             families=families,
             leave_out=leave_out,

@@ -68,6 +68,25 @@ class Bench:
         """What was captured."""
         return np.stack([_row(one.real, one, self.columns) for one in self.subjects])
 
+    def against(self) -> Table | None:
+        """What the captures are compared with; None where that is simulated.
+
+        In the arm of matcher and filters it is what our matcher makes of the captured images and
+        what the other device differs from our matcher by.
+        """
+        others = [
+            _other_row(one.against, one, self.columns)
+            for one in self.subjects
+            if one.against is not None
+        ]
+        if not others:
+            return None
+        if self.arm is not Arm.DEPTH:
+            return np.stack(others)
+        again = self.simulated({})
+        assert again is not None
+        return again + np.stack(others)
+
     def simulated(self, settings: Mapping[str, Value], *, seed: int = 0) -> Table | None:
         """What is simulated with effects set; None where they cannot be, all at once.
 
@@ -174,6 +193,13 @@ def _simulated(of: Subject, arm: Arm, settings: Mapping[str, Value], seed: int) 
 def _row(reading: Reading, subject: Subject, columns: Columns) -> Row:
     found = _features(columns.arm, reading, subject, columns.ceiling)
     return np.array([found.get(name, np.nan) for name in columns.names])
+
+
+def _other_row(reading: Reading, subject: Subject, columns: Columns) -> Row:
+    row = _row(reading, subject, columns)
+    if columns.arm is not Arm.DEPTH:
+        return row
+    return row - _row(subject.rematch({}, of=reading), subject, columns)
 
 
 def _features(arm: Arm, reading: Reading, subject: Subject, ceiling: float) -> dict[str, float]:
