@@ -65,11 +65,13 @@ def diagnose(
 def withheld(
     *,
     out: Path,
-    tier: Literal[1, 2, 3] = 1,
+    tier: Literal[1, 2, 3, 4] = 1,
     cases: int | None = None,
     no_infrared: bool = False,
     jobs: int = 2,
     blender: Path = Path(".blender/bin/python"),
+    captures: Path | None = None,
+    sensor: str | None = None,
     common: Shared = Common(),
 ) -> None:
     """Check the diagnosis: effects made by a second implementation, withheld from it, to be named.
@@ -81,11 +83,13 @@ def withheld(
     Args:
         out: folder of the run, new or begun before.
         tier: 1: scenes by Starling's renderer; 2: by Blender's Cycles, with another matcher; 3:
-            effects outside the table.
+            effects outside the table; 4: effects put into real infrared pairs.
         cases: with a single effect, the other cases in proportion; else the tier's own number.
         no_infrared: let captures be depth alone.
         jobs: sets of scenes at once, a core each.
         blender: Python with bpy (see tools/blender.sh), for tier 2.
+        captures: capture set of a real camera, for tier 4.
+        sensor: preset or sensor file of that camera, for tier 4.
     """
     import subprocess
     import sys
@@ -93,6 +97,8 @@ def withheld(
     flags = [
         *(["--cases", str(cases)] if cases is not None else []),
         *(["--no-infrared"] if no_infrared else []),
+        *(["--captures", str(captures)] if captures is not None else []),
+        *(["--sensor", sensor] if sensor is not None else []),
         *(["--json"] if common.json else []),
     ]
     # A process of its own: what it knows of its cases, the diagnosis must not.
