@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -221,6 +222,6 @@ def _digest(subject: Subject, columns: Columns) -> str:
 
 def _save(path: Path, row: Row) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part.npy")
+    part = path.with_suffix(f".{os.getpid()}.npy")  # Two may keep the same at once.
     np.save(part, row, allow_pickle=False)
     part.replace(path)

@@ -29,6 +29,7 @@ from sim import capture
 from sim.capture import CapturedScene
 
 _LOT = 0x5EA1_0F_4EA1  # Where the lot of scenes starts, before the set's number.
+_WITHOUT = 0  # Seed of the pairs without effects: a scene's are the same in all sets.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -55,6 +56,11 @@ class RealPairs:
     def against(self) -> Path:
         """The pairs without effects."""
         return self.folder / "without effects"
+
+    @property
+    def cache(self) -> Path:
+        """One for all sets, as scenes are of several."""
+        return self.folder.parent / "cache"
 
     @property
     def effects(self) -> frozenset[str]:
@@ -85,7 +91,7 @@ class RealPairs:
         if not self.against.exists():
             part = self.folder / ".part"
             shutil.rmtree(part, ignore_errors=True)
-            self._write({}, self.number, part)
+            self._write({}, _WITHOUT, part)
             part.rename(self.against)
 
     def take(self, cases: Sequence[Case], out: Path) -> None:

@@ -43,6 +43,11 @@ class Rendered:
         return
 
     @property
+    def cache(self) -> Path:
+        """One for the set, whose scenes are its own."""
+        return self.folder / "cache"
+
+    @property
     def effects(self) -> frozenset[str]:
         """All of the table."""
         return frozenset(ROWS)

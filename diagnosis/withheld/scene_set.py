@@ -16,7 +16,7 @@ from diagnosis.withheld.source import Source
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SceneSet:
-    """Where everything of a set lies. The diagnosis sees `cases`, `sensor` and its own cache."""
+    """Where a set lies. The diagnosis sees `cases`, the source's sensor and its own cache."""
 
     folder: Path
     number: int
@@ -39,7 +39,7 @@ class SceneSet:
         missing = [one for one in wanted.values() if not (self._cases / one.name).exists()]
         if missing:
             self._shoot(missing)
-        sensor, cache, against = self.source.sensor, self.folder / "cache", self.source.against
+        sensor, cache, against = self.source.sensor, self.source.cache, self.source.against
         if first:
             out = self.folder / "verdicts"
             programs.diagnose(self._cases, out, sensor, cache, against=against)

@@ -29,6 +29,11 @@ class Source(Protocol):
         ...
 
     @property
+    def cache(self) -> Path:
+        """Where the diagnosis keeps what effects do to the scenes."""
+        ...
+
+    @property
     def effects(self) -> frozenset[str]:
         """Names of those that its captures can have."""
         ...
