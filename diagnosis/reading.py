@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from patterns.errors import refuse
 from sim import measurement
 from sim.capture import CapturedScene
+from sim.parts.imager import Imager
 from sim.sensor import Sensor
 
 Images = NDArray[np.unsignedinteger]
@@ -88,6 +89,30 @@ def alike(one: Reading, other: Reading) -> tuple[Reading, Reading]:
         for each in (one, other)
     )
     return first, second
+
+
+def exposed_again(of: Reading, sensor: Sensor, rng: np.random.Generator) -> Reading:
+    """Add the noise of one more exposure to a reading's infrared, as photon transfer has it.
+
+    Args:
+        of: with infrared.
+        sensor: whose noise it is.
+        rng: draws it.
+    """
+    assert of.left is not None and of.right is not None
+    left = _noisier(of.left, sensor.left, rng)
+    right = _noisier(of.right, sensor.right or sensor.left, rng)
+    return dataclasses.replace(
+        of, left=left, right=right, ours_px=matched(left[:1], right[:1], sensor)
+    )
+
+
+def _noisier(images: Images, imager: Imager, rng: np.random.Generator) -> Images:
+    scale = imager.dn_per_electron
+    signal = np.maximum(images - imager.black_level_dn, 0.0)
+    variance = imager.shot_noise**2 * scale * signal + (scale * imager.read_noise_e) ** 2
+    codes = np.rint(images + np.sqrt(variance) * rng.standard_normal(images.shape))
+    return np.clip(codes, 0, 2**imager.bit_depth - 1).astype(images.dtype)
 
 
 def written(disparity_px: Maps, sensor: Sensor) -> Maps:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from diagnosis import projector_frame
 from diagnosis.ground import Ground, ground
-from diagnosis.reading import Maps, Reading, alike, matched, measured, read, written
+from diagnosis.reading import Maps, Reading, alike, exposed_again, matched, measured, read, written
 from patterns.errors import refuse
 from sim import simulate
 from sim.capture import CapturedScene
@@ -63,6 +63,16 @@ class Subject:
         """Simulate all that a device gives: infrared as it is put out, and its own depth."""
         sensor, pairs = self._pairs(settings, seed)
         return dataclasses.replace(_put_out(sensor, pairs), device_px=_measured(sensor, pairs))
+
+    def expose_again(self, *, seed: int) -> Reading:
+        """What the captures are compared with, with the noise of one more exposure.
+
+        Args:
+            seed: of that noise.
+        """
+        assert self.against is not None
+        rng = np.random.default_rng(scene_seed(seed, self.name))
+        return exposed_again(self.against, self.sensor, rng)
 
     def rematch(self, settings: Mapping[str, Value], *, of: Reading | None = None) -> Reading:
         """Match an infrared pair again, as it was put out, by a matcher with effects set.

@@ -94,7 +94,11 @@ def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likeliho
     if table.arm is Arm.DEPTH and len(base.tables) > 1:
         other = other + table.finer(seed=_OTHER)
     real = base.likelihood(table.real(), weight)
-    return table, real, base.drawn().likelihood(other, weight)
+    beside = base.tables[-1]
+    if table.arm is not Arm.DEPTH and base.against is not None:
+        beside = table.simulated({}, seed=_OTHER + 1)
+        assert beside is not None
+    return table, real, base.drawn(beside).likelihood(other, weight)
 
 
 def _made(table: Bench, settings: Settings) -> Table:

@@ -104,6 +104,12 @@ class Bench:
         assert rows is not None
         return rows
 
+    def exposed(self, *, seed: int) -> Table:
+        """What the captures are compared with, with the noise of one more exposure."""
+        rows = self._rows("exposed", seed, exposed_row)
+        assert rows is not None
+        return rows
+
     def _rows(self, text: str, seed: int, make: Make, *arguments: Any) -> Table | None:
         keys = [(number, text, seed) for number in range(len(self.subjects))]
         for key in keys:
@@ -183,6 +189,11 @@ def finer_row(of: Subject, columns: Columns, seed: int) -> Row:
     return _row(own, of, columns) - _row(of.rematch({}, of=own), of, columns)
 
 
+def exposed_row(of: Subject, columns: Columns, seed: int) -> Row:
+    """One scene's row of `Bench.exposed`."""
+    return _row(of.expose_again(seed=seed), of, columns)
+
+
 def _simulated(of: Subject, arm: Arm, settings: Mapping[str, Value], seed: int) -> Reading:
     if arm is Arm.DEPTH:
         return of.rematch(settings)
@@ -213,10 +224,12 @@ def _digest(subject: Subject, columns: Columns) -> str:
     found = hashlib.sha256(repr((_MADE, columns, subject.frames, subject.sensor)).encode())
     for image in (subject.ground.expected, subject.ground.disparity_px):
         found.update(np.ascontiguousarray(image).tobytes())
-    if columns.arm is Arm.DEPTH and subject.real.left is not None:
-        assert subject.real.right is not None
-        found.update(np.ascontiguousarray(subject.real.left).tobytes())
-        found.update(np.ascontiguousarray(subject.real.right).tobytes())
+    pairs = [subject.real] if columns.arm is Arm.DEPTH else []
+    pairs += [] if subject.against is None else [subject.against]
+    for pair in pairs:
+        for images in (pair.left, pair.right):
+            if images is not None:
+                found.update(np.ascontiguousarray(images).tobytes())
     return found.hexdigest()[:16]
 
 

@@ -60,11 +60,9 @@ class Base:
             against=None if self.against is None else following,
         )
 
-    def drawn(self) -> Base:
+    def drawn(self, simulated: Table) -> Base:
         """The base with a simulated reading for the captures that others are compared with."""
-        if self.against is None:
-            return self
-        return dataclasses.replace(self, against=self.tables[-1])
+        return self if self.against is None else dataclasses.replace(self, against=simulated)
 
 
 def _mean(values: NDArray[np.float64], axis: int | tuple[int, ...]) -> NDArray[np.float64]:
@@ -76,10 +74,12 @@ def _mean(values: NDArray[np.float64], axis: int | tuple[int, ...]) -> NDArray[n
 
 
 def base(bench: Bench, *, seeds: int = SEEDS) -> Base:
-    """Simulate the base.
+    """Simulate the base, or the noise of images that captures are compared with.
 
-    Matching a real pair again draws nothing: there one table is all, unless the device's own
-    matcher reads finer bits, which are drawn.
+    How features of real images scatter no simulation tells: where the device has other dots than
+    the sensor, one that looks for the sensor's is chance alone. Matching a real pair again draws
+    nothing: there one table is all, unless the device's own matcher reads finer bits, which are
+    drawn.
     """
     if bench.arm is Arm.DEPTH:
         again = bench.simulated({})
@@ -87,9 +87,13 @@ def base(bench: Bench, *, seeds: int = SEEDS) -> Base:
         drawn = range(seeds if bench.subjects[0].sensor.left.dropped_bits else 0)
         tables = [again + bench.finer(seed=number) for number in drawn] or [again]
         return Base(np.stack(tables), floors(bench.names), bench.against())
+    against = bench.against()
+    if against is not None and bench.arm is Arm.IMAGE:
+        exposed = np.stack([bench.exposed(seed=number) for number in range(seeds)])
+        return Base(exposed, floors(bench.names), against)
     found = [bench.simulated({}, seed=number) for number in range(seeds)]
     tables = np.stack([one for one in found if one is not None])
-    return Base(tables, floors(bench.names), bench.against())
+    return Base(tables, floors(bench.names), against)
 
 
 def floors(names: Sequence[str]) -> NDArray[np.float64]:
