@@ -1,6 +1,7 @@
 """Diagnosis of many capture sets of the same scenes, which is given nothing but these.
 
-    python -m diagnosis.batch CASES OUT --sensor FILE [--cache FOLDER] [--without FILE]
+    python -m diagnosis.batch CASES OUT --sensor FILE [--against SET] [--cache FOLDER]
+                                                      [--without FILE]
 
 CASES holds capture sets in folders of their own; OUT gets a verdict FOLDER.json for each. Verdicts
 that are there stay, so a run that was stopped goes on where it was. What effects do to the scenes
@@ -10,24 +11,24 @@ is simulated once for all. `starling diagnose` says more of one capture set.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from diagnosis import crew, named
-from diagnosis.reading import read
+from diagnosis.reading import Reading, read
 from diagnosis.report import figures
-from diagnosis.subject import Subject, subject
+from diagnosis.scene_pairs import scene_pairs
+from diagnosis.subject import Subject, retaken, subject
 from diagnosis.which import rivals
 from diagnosis.which.arm import Found, Screen
 from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm
 from patterns.errors import InputError, refuse
 from sim import capture, effects, output, progress, record, sensors
-from sim.capture import CaptureSet
+from sim.capture import CapturedScene, CaptureSet
 from sim.sensor import Sensor
 
 
@@ -36,6 +37,7 @@ def diagnose(
     out: Path,
     sensor: Sensor,
     *,
+    against: CaptureSet | None = None,
     cache: Path | None = None,
     without: dict[str, str] | None = None,
     tell: progress.Progress = progress.silent,
@@ -46,6 +48,7 @@ def diagnose(
         cases: folder of capture sets of the same scenes.
         out: folder of verdicts; made where there is none.
         sensor: that all of them should be captures of.
+        against: capture set that each is compared with in place of simulated captures.
         cache: folder that keeps what is simulated, for other runs.
         without: by capture set an effect whose family is not to be tried; then only those named
             here are diagnosed.
@@ -62,10 +65,12 @@ def diagnose(
         folders = [folder for folder in folders if folder.name in without]
     todo = [folder for folder in folders if not (out / f"{folder.name}.json").exists()]
     subjects: list[Subject] = []
+    others = {} if against is None else {one.name: read(one, sensor) for one in against.scenes}
     kept: dict[tuple[Arm, str | None], tuple[Bench, Screen]] = {}
     for number, folder in enumerate(tell(todo, "capture sets")):
         begun = time.perf_counter()
-        subjects = _subjects(capture.open_set(folder), sensor, subjects)
+        pairs = scene_pairs(capture.open_set(folder), against).pairs
+        subjects = _subjects(folder.name, pairs, sensor, subjects, others)
         asked, locked = named.parted(subjects)
         left_out = None if without is None else without[folder.name]
         screens = []
@@ -92,18 +97,22 @@ def diagnose(
         output.write_file(out / f"{folder.name}.json", record.dumps(figures.plain(told)).encode())
 
 
-def _subjects(opened: CaptureSet, sensor: Sensor, before: Sequence[Subject]) -> list[Subject]:
+def _subjects(
+    case: str,
+    pairs: Sequence[tuple[CapturedScene, CapturedScene | None]],
+    sensor: Sensor,
+    before: Sequence[Subject],
+    others: Mapping[str, Reading],
+) -> list[Subject]:
     """Scenes of a capture set; what is known of them is taken over from the one before."""
     if not before:
-        return [subject(scene, sensor) for scene in opened.scenes]
-    names, known = [one.name for one in opened.scenes], [one.name for one in before]
+        return [subject(one, sensor, against=other) for one, other in pairs]
+    names, known = [one.name for one, _ in pairs], [one.name for one in before]
     if names != known:
-        raise refuse(
-            "scenes", "must be the same in all capture sets", (opened.path.name, names), "Part it."
-        )
+        raise refuse("scenes", "must be the same in all capture sets", (case, names), "Part it.")
     return [
-        dataclasses.replace(one, real=read(scene, sensor), frames=len(scene.frames))
-        for one, scene in zip(before, opened.scenes, strict=True)
+        retaken(one, scene, against=others.get(one.name))
+        for one, (scene, _) in zip(before, pairs, strict=True)
     ]
 
 
@@ -137,6 +146,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("cases", type=Path, help="folder of capture sets")
     parser.add_argument("out", type=Path, help="folder for a verdict FOLDER.json of each")
     parser.add_argument("--sensor", required=True, help="preset or sensor file of all of them")
+    parser.add_argument("--against", type=Path, help="capture set to compare each with")
     parser.add_argument("--cache", type=Path, help="folder that keeps what is simulated")
     parser.add_argument(
         "--without",
@@ -151,6 +161,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 asked.cases,
                 asked.out,
                 sensors.load(asked.sensor),
+                against=None if asked.against is None else capture.open_set(asked.against),
                 cache=asked.cache,
                 without=None if asked.without is None else json.loads(asked.without.read_text()),
                 tell=tell,

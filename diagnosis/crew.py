@@ -22,19 +22,27 @@ class Crew:
     Rendering uses all cores, but matching and features one each, which takes longer.
     """
 
-    def __init__(self, captures: Path, sensor: Sensor, scenes: Sequence[str]) -> None:
+    def __init__(
+        self,
+        captures: Path,
+        sensor: Sensor,
+        scenes: Sequence[str],
+        *,
+        against: Path | None = None,
+    ) -> None:
         """Start them; each loads its scenes.
 
         Args:
             captures: capture set.
             sensor: the base.
             scenes: names of those that are simulated.
+            against: capture set that these are compared with.
         """
         count = max(1, min(len(os.sched_getaffinity(0)), len(scenes), _MOST))
         context = multiprocessing.get_context("spawn")
         self._pools = [
             ProcessPoolExecutor(
-                1, mp_context=context, initializer=_begin, initargs=(captures, sensor, own)
+                1, mp_context=context, initializer=_begin, initargs=(captures, sensor, own, against)
             )
             for own in (tuple(scenes[number::count]) for number in range(count))
         ]
@@ -70,13 +78,16 @@ def alone() -> None:
         backend.drjit().set_thread_count(1)
 
 
-def _begin(captures: Path, sensor: Sensor, scenes: tuple[str, ...]) -> None:
+def _begin(captures: Path, sensor: Sensor, scenes: tuple[str, ...], against: Path | None) -> None:
+    from diagnosis.scene_pairs import scene_pairs
     from diagnosis.subject import subject
     from sim import capture
 
     alone()
-    opened = capture.open_set(captures)
-    _held.update({one.name: subject(one, sensor) for one in opened.scenes if one.name in scenes})
+    other = None if against is None else capture.open_set(against)
+    for one, beside in scene_pairs(capture.open_set(captures), other).pairs:
+        if one.name in scenes:
+            _held[one.name] = subject(one, sensor, against=beside)
 
 
 def _do(scene: str, work: Any, arguments: tuple[Any, ...]) -> Any:

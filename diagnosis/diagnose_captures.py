@@ -25,6 +25,7 @@ def diagnose_captures(
     sensor: Sensor,
     out: Path,
     *,
+    against: str = "",
     cache: Path | None = None,
     families: Sequence[str] = (),
     leave_out: Sequence[str] = (),
@@ -40,6 +41,7 @@ def diagnose_captures(
         captures: capture set or one scene in it.
         sensor: the base, with the captures' geometry.
         out: folder for report.html, report.json and how they were made.
+        against: capture set that is compared in place of simulated captures; none if empty.
         cache: folder that keeps what is simulated, for other runs.
         families: of effects that are tried; all if none.
         leave_out: families that are not.
@@ -58,10 +60,14 @@ def diagnose_captures(
     begun = time.perf_counter()
     opened = capture.open_set(captures)
     refuse_own_input(out, opened.path)
+    other = capture.open_set(against) if against else None
+    if other is not None:
+        refuse_own_input(out, other.path)
     with OutputFolder(out, force=force) as folder:
         found = diagnose(
             opened,
             sensor,
+            against=other,
             cache=cache,
             families=_tried(families, leave_out),
             residual=residual,
@@ -79,6 +85,7 @@ def diagnose_captures(
                     "verb": "diagnose",
                     "arguments": {
                         "captures": captures,
+                        "against": against,
                         "families": list(families),
                         "leave_out": list(leave_out),
                         "fix": fix,

@@ -11,13 +11,14 @@ from diagnosis.howfar.judged import Judged
 from diagnosis.howfar.residual import Residual, learn
 from diagnosis.named import FEWEST, LOCKED, Kind, Named, named, open_arms, parted, screened
 from diagnosis.report.shown import Shown, shown
+from diagnosis.scene_pairs import scene_pairs
 from diagnosis.subject import Subject, subject
 from diagnosis.tell_apart import Told, tell_apart
 from diagnosis.where import where
 from diagnosis.where.where import Where
 from diagnosis.which.arm import Found
 from diagnosis.which.candidates import Arm
-from patterns.errors import InputError, refuse
+from patterns.errors import InputError
 from sim import progress
 from sim.capture import CaptureSet
 from sim.effects.effect import Value
@@ -29,6 +30,7 @@ class Diagnosis:
     """Answers of one run."""
 
     kind: Kind
+    against: str | None  # Capture set that this one is compared with; None: with simulation.
     scenes: tuple[str, ...]
     locked: tuple[str, ...]  # Those of the scenes that only tell how far.
     limits: tuple[str, ...]  # What these captures cannot tell, a sentence each.
@@ -45,35 +47,42 @@ def diagnose(
     captures: CaptureSet,
     sensor: Sensor,
     *,
+    against: CaptureSet | None = None,
     cache: Path | None = None,
     families: Sequence[str] | None = None,
     residual: bool = False,
     tell: progress.Progress = progress.silent,
 ) -> Diagnosis:
-    """Diagnose the gap between a capture set and a sensor that should be its camera's.
+    """Diagnose the gap between a capture set and a sensor, or another capture set of the scenes.
 
     Args:
         captures: scenes with reference depth or known geometry.
         sensor: the base: a preset or a calibrated sensor, with the captures' geometry.
+        against: capture set of the same scenes by the base, which is compared in place of
+            simulated readings; only scenes that both have count.
         cache: folder that keeps what effects do to these scenes.
         families: of effects that are tried; None tries all.
         residual: learn what physics misses, as a bound and a witness (`howfar.residual`).
         tell: wraps loops that take long.
 
     Raises:
-        InputError: if a scene is damaged, or none has geometry or reference depth.
+        InputError: if a scene is damaged, none has geometry or reference depth, both sets differ in
+            geometry or have nothing in common, or a residual is asked for against another set.
     """
-    subjects = [subject(scene, sensor) for scene in tell(captures.scenes, "scenes")]
-    if not subjects:
-        raise refuse("captures", "must hold a scene", 0, "Take captures first.")
+    if residual and against is not None:
+        rule = "must be asked of a simulation, not of another capture set"
+        raise refuse("residual", rule, against.path.name, "Leave one out.")
+    scenes = scene_pairs(captures, against)
+    subjects = [subject(one, sensor, against=other) for one, other in tell(scenes.pairs, "scenes")]
     asked, locked = parted(subjects)
-    with Crew(captures.path, sensor, [one.name for one in asked]) as crew:
+    other = None if against is None else against.path
+    with Crew(captures.path, sensor, [one.name for one in asked], against=other) as crew:
         screens = [
             screened(arm, asked, families, cache=cache, crew=crew, tell=tell)
             for arm in open_arms(asked)
         ]
         found = named(screens, locked)
-    limits, learnt = _limits(subjects, locked, found), None
+    limits, learnt = _limits(subjects, locked, found, scenes.aside), None
     if residual:
         try:
             learnt = learn(asked, locked, found.settings if found.together else {}, tell=tell)
@@ -81,6 +90,7 @@ def diagnose(
             limits.append(f"No residual was learnt: {error}")
     return Diagnosis(
         kind=found.kind,
+        against=None if other is None else str(other),
         scenes=tuple(one.name for one in subjects),
         locked=tuple(one.name for one in locked),
         limits=tuple(limits),
@@ -94,8 +104,15 @@ def diagnose(
     )
 
 
-def _limits(subjects: Sequence[Subject], locked: Sequence[Subject], named: Named) -> list[str]:
+def _limits(
+    subjects: Sequence[Subject],
+    locked: Sequence[Subject],
+    named: Named,
+    aside: Sequence[str],
+) -> list[str]:
     found = []
+    if aside:
+        found.append(f"Only one of the two sets has these scenes, left aside: {', '.join(aside)}.")
     rooms = {one.room for one in subjects}
     if len(rooms) < FEWEST:
         found.append("One room alone: nothing can be held out, so no effect is named.")

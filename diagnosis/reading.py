@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from patterns.errors import refuse
 from sim import measurement
 from sim.capture import CapturedScene
+from sim.parts.imager import Imager
 from sim.sensor import Sensor
 
 Images = NDArray[np.unsignedinteger]
@@ -26,9 +28,16 @@ class Reading:
     device_px: Maps | None  # Disparity by the device's own depth; NaN likewise.
 
     @property
-    def depth_px(self) -> Maps | None:
-        """Disparity by the device's own depth, where it has none by our matcher."""
-        return self.ours_px if self.device_px is None else self.device_px
+    def depth_px(self) -> Maps:
+        """Disparity by the device's own depth where there is any, else by our matcher."""
+        maps = self.ours_px if self.device_px is None else self.device_px
+        assert maps is not None
+        return maps
+
+    @property
+    def repeats(self) -> int:
+        """How many there are, of the kind that has fewest."""
+        return min(len(one) for one in (self.left, self.device_px) if one is not None)
 
 
 def read(scene: CapturedScene, sensor: Sensor) -> Reading:
@@ -53,6 +62,57 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
         ours_px=None if left is None or right is None else matched(left[:1], right[:1], sensor),
         device_px=np.stack([scene.info.disparity_px(one) for one in depths]) if depths else None,
     )
+
+
+def alike(one: Reading, other: Reading) -> tuple[Reading, Reading]:
+    """Leave of two readings what both hold: infrared, depth of the device's own, or both.
+
+    Raises:
+        InputError: if they have nothing in common.
+    """
+    paired = one.left is not None and other.left is not None
+    measured = one.device_px is not None and other.device_px is not None
+    if not paired and not measured:
+        raise refuse(
+            "captures against others",
+            "must both hold infrared pairs, or both depth",
+            "one of each",
+            "Capture the same of both.",
+        )
+    first, second = (
+        Reading(
+            left=each.left if paired else None,
+            right=each.right if paired else None,
+            ours_px=each.ours_px if paired else None,
+            device_px=each.device_px if measured else None,
+        )
+        for each in (one, other)
+    )
+    return first, second
+
+
+def exposed_again(of: Reading, sensor: Sensor, rng: np.random.Generator) -> Reading:
+    """Add the noise of one more exposure to a reading's infrared, as photon transfer has it.
+
+    Args:
+        of: with infrared.
+        sensor: whose noise it is.
+        rng: draws it.
+    """
+    assert of.left is not None and of.right is not None
+    left = _noisier(of.left, sensor.left, rng)
+    right = _noisier(of.right, sensor.right or sensor.left, rng)
+    return dataclasses.replace(
+        of, left=left, right=right, ours_px=matched(left[:1], right[:1], sensor)
+    )
+
+
+def _noisier(images: Images, imager: Imager, rng: np.random.Generator) -> Images:
+    scale = imager.dn_per_electron
+    signal = np.maximum(images - imager.black_level_dn, 0.0)
+    variance = imager.shot_noise**2 * scale * signal + (scale * imager.read_noise_e) ** 2
+    codes = np.rint(images + np.sqrt(variance) * rng.standard_normal(images.shape))
+    return np.clip(codes, 0, 2**imager.bit_depth - 1).astype(images.dtype)
 
 
 def written(disparity_px: Maps, sensor: Sensor) -> Maps:

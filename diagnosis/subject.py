@@ -11,7 +11,17 @@ from numpy.typing import NDArray
 
 from diagnosis import projector_frame
 from diagnosis.ground import Ground, ground
-from diagnosis.reading import Maps, Reading, as_captured, matched, measured, read, written
+from diagnosis.reading import (
+    Maps,
+    Reading,
+    alike,
+    as_captured,
+    exposed_again,
+    matched,
+    measured,
+    read,
+    written,
+)
 from learning.example import Physics
 from learning.simulated import summary
 from patterns.errors import refuse
@@ -42,6 +52,7 @@ class Subject:
     ground: Ground
     real: Reading
     frames: int  # Of a simulated reading.
+    against: Reading | None  # What the real one is compared with; None: with simulated ones.
     _stage: Stage = field(repr=False)
     _layers: Layers = field(repr=False)
 
@@ -64,6 +75,16 @@ class Subject:
         """Simulate all that a device gives: infrared as it is put out, and its own depth."""
         sensor, pairs = self._pairs(settings, seed)
         return dataclasses.replace(_put_out(sensor, pairs), device_px=_measured(sensor, pairs))
+
+    def expose_again(self, *, seed: int) -> Reading:
+        """What the captures are compared with, with the noise of one more exposure.
+
+        Args:
+            seed: of that noise.
+        """
+        assert self.against is not None
+        rng = np.random.default_rng(scene_seed(seed, self.name))
+        return exposed_again(self.against, self.sensor, rng)
 
     def rematch(self, settings: Mapping[str, Value], *, of: Reading | None = None) -> Reading:
         """Match an infrared pair again, as it was put out, by a matcher with effects set.
@@ -120,28 +141,54 @@ def _measured(sensor: Sensor, pairs: Sequence[simulate.Pair]) -> Maps:
     return written(measured(left, right, sensor), sensor)
 
 
-def subject(captured: CapturedScene, sensor: Sensor) -> Subject:
+def subject(
+    captured: CapturedScene, sensor: Sensor, *, against: CapturedScene | None = None
+) -> Subject:
     """Make a subject of a captured scene.
 
     Args:
         captured: with reference depth or a `scene.toml`.
         sensor: the base.
+        against: the same scene captured by the base, which it is then compared with; what is known
+            of the scene is taken from here.
 
     Raises:
-        InputError: if neither geometry nor reference depth is known, or an image is damaged.
+        InputError: if neither geometry nor reference depth is known, an image is damaged, or both
+            captures have nothing in common.
     """
-    scene = known.load(captured, sensor)
+    known_by = captured if against is None else against
+    scene = known.load(known_by, sensor)
     if scene is None:
-        scene = surfaces.load(captured.path, sensor)
-    return of_scene(
+        scene = surfaces.load(known_by.path, sensor)
+    base = read(known_by, sensor)
+    made = of_scene(
         scene,
         sensor,
-        name=captured.name,
-        room=captured.room,
-        truth_m=captured.truth_m(),
-        real=read(captured, sensor),
-        frames=len(captured.frames),
+        name=known_by.name,
+        room=known_by.room,
+        truth_m=known_by.truth_m(),
+        real=base,
+        frames=len(known_by.frames),
     )
+    return made if against is None else retaken(made, captured, against=base)
+
+
+def retaken(of: Subject, captured: CapturedScene, *, against: Reading | None) -> Subject:
+    """Take over all that is known of a scene for another capture of it.
+
+    Args:
+        of: the scene.
+        captured: its other capture.
+        against: what that is compared with; None: with simulated readings.
+
+    Raises:
+        InputError: as `subject`.
+    """
+    real, frames = read(captured, of.sensor), len(captured.frames)
+    if against is not None:
+        real, against = alike(real, against)
+        frames = min(real.repeats, against.repeats)
+    return dataclasses.replace(of, real=real, against=against, frames=frames)
 
 
 def of_scene(
@@ -190,6 +237,7 @@ def of_scene(
         ),
         real=real,
         frames=frames,
+        against=None,
         _stage=stage,
         _layers=layers,
     )

@@ -16,6 +16,7 @@ def diagnose(
     *,
     sensor: str,
     out: Path,
+    against: str = "",
     cache: Path | None = None,
     families: tuple[str, ...] = (),
     leave_out: tuple[str, ...] = (),
@@ -32,8 +33,9 @@ def diagnose(
     Args:
         captures: capture set with reference depth or known geometry, best with infrared pairs.
         sensor: preset (see `starling sensors`) or sensor file (.toml) that the captures' camera
-            should be.
+            should be; with --against, the camera of those.
         out: folder for the report.
+        against: capture set of the same scenes that is compared in place of simulated captures.
         cache: folder that keeps what is simulated, for other runs on the same scenes.
         families: of effects (see `starling effects`) that are tried; all where none is named.
         leave_out: families that are not tried.
@@ -51,6 +53,7 @@ def diagnose(
             captures,
             camera,
             out,
+            against=against,
             cache=cache,
             families=families,
             leave_out=leave_out,
@@ -66,11 +69,13 @@ def diagnose(
 def withheld(
     *,
     out: Path,
-    tier: Literal[1, 2, 3] = 1,
+    tier: Literal[1, 2, 3, 4] = 1,
     cases: int | None = None,
     no_infrared: bool = False,
     jobs: int = 2,
     blender: Path = Path(".blender/bin/python"),
+    captures: Path | None = None,
+    sensor: str | None = None,
     common: Shared = Common(),
 ) -> None:
     """Check the diagnosis: effects made by a second implementation, withheld from it, to be named.
@@ -82,11 +87,13 @@ def withheld(
     Args:
         out: folder of the run, new or begun before.
         tier: 1: scenes by Starling's renderer; 2: by Blender's Cycles, with another matcher; 3:
-            effects outside the table.
+            effects outside the table; 4: effects put into real infrared pairs.
         cases: with a single effect, the other cases in proportion; else the tier's own number.
         no_infrared: let captures be depth alone.
         jobs: sets of scenes at once, a core each.
         blender: Python with bpy (see tools/blender.sh), for tier 2.
+        captures: capture set of a real camera, for tier 4.
+        sensor: preset or sensor file of that camera, for tier 4.
     """
     import subprocess
     import sys
@@ -94,6 +101,8 @@ def withheld(
     flags = [
         *(["--cases", str(cases)] if cases is not None else []),
         *(["--no-infrared"] if no_infrared else []),
+        *(["--captures", str(captures)] if captures is not None else []),
+        *(["--sensor", sensor] if sensor is not None else []),
         *(["--json"] if common.json else []),
     ]
     # A process of its own: what it knows of its cases, the diagnosis must not.

@@ -32,8 +32,7 @@ def distances(real: Reading, simulated: Sequence[Reading], ground: Ground) -> di
         negative log likelihood a pixel; with repeats the logarithm of noise in time.
     """
     target = real.depth_px
-    assert target is not None
-    draws = np.stack([one.depth_px[0] for one in simulated if one.depth_px is not None])
+    draws = np.stack([one.depth_px[0] for one in simulated])
     found = _holes(~np.isfinite(target[0]), ~np.isfinite(draws), ground.counted)
     found |= _errors(target[0], draws, ground)
     if real.left is not None and simulated[0].left is not None:

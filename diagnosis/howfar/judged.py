@@ -36,6 +36,7 @@ class Judged:
 def judged(locked: Sequence[Subject], settings: Settings, arms: Sequence[Found]) -> Judged:
     """Measure the gap of locked scenes before and after, and what noise alone makes.
 
+    Distances are of simulated readings from real ones; two captures that are compared have none.
     Beside every distance stands `features of the ARM`: the size of the gap in all that the
     diagnosis looks at.
 
@@ -44,9 +45,8 @@ def judged(locked: Sequence[Subject], settings: Settings, arms: Sequence[Found])
         settings: value by accepted effect.
         arms: whose features are looked at.
     """
-    before = [_distances(one.real, one, {}) for one in locked]
-    after = [_distances(one.real, one, settings) for one in locked]
-    floor = [_distances(drawn(one, settings, OTHER), one, settings) for one in locked]
+    each = [_figures(one, settings) for one in locked]
+    before, after, floor = ([figures[part] for figures in each] for part in range(3))
     shares: dict[str, float] = {}
     for arm in arms:
         table, likelihood, other = _likelihoods(arm, locked)
@@ -61,6 +61,17 @@ def judged(locked: Sequence[Subject], settings: Settings, arms: Sequence[Found])
                 row[name] = float(size)
         shares |= _shares(arm, table, likelihood)
     return Judged(figures=closed(before, after, floor), shares=shares)
+
+
+def _figures(of: Subject, settings: Settings) -> tuple[dict[str, float], ...]:
+    """Distances before, after and floor of one scene."""
+    if of.against is not None:
+        return {}, {}, {}
+    return (
+        _distances(of.real, of, {}),
+        _distances(of.real, of, settings),
+        _distances(drawn(of, settings, OTHER), of, settings),
+    )
 
 
 def _distances(real: Reading, of: Subject, settings: Settings) -> dict[str, float]:
@@ -82,7 +93,12 @@ def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likeliho
     assert other is not None
     if table.arm is Arm.DEPTH and len(base.tables) > 1:
         other = other + table.finer(seed=OTHER)
-    return table, base.likelihood(table.real(), weight), base.likelihood(other, weight)
+    real = base.likelihood(table.real(), weight)
+    beside = base.tables[-1]
+    if table.arm is not Arm.DEPTH and base.against is not None:
+        beside = table.simulated({}, seed=OTHER + 1)
+        assert beside is not None
+    return table, real, base.drawn(beside).likelihood(other, weight)
 
 
 def _made(table: Bench, settings: Settings) -> Table:

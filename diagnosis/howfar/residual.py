@@ -130,7 +130,7 @@ def _judged(
 
 def _example(of: Subject, settings: Settings, real: Reading) -> Example:
     ground = of.ground
-    if real.depth_px is None:
+    if real.device_px is None and real.ours_px is None:
         rule = "must have depth of its own or an infrared pair"
         raise refuse(f"scene {of.name}", rule, "neither", "Leave it out.")
     info = ground.info

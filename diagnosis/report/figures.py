@@ -20,6 +20,7 @@ def figures(of: Diagnosis) -> dict[str, Any]:
     return plain(
         {
             "verdict": of.kind,
+            "against": of.against,
             "says": sentences.answer(of),
             "effects": effects(of.arms),
             "tell_apart": [dataclasses.asdict(one) for one in of.tell_apart],

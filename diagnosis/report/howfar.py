@@ -42,12 +42,17 @@ def section(of: Diagnosis) -> str:
             )
             + learnt
         )
+    tells = (
+        "Each figure tells how far simulated is from real: the less, the better."
+        if of.against is None
+        else "Each figure tells how far these captures are from the others in all that is looked "
+        "at, before and after what simulation says of the accepted effects is taken off."
+    )
     said = (
-        f"Measured on {counted(len(of.locked), 'scene')} that had no say in what is named. Each "
-        "figure tells how far simulated is from real: the less, the better. Floor: that of two "
-        "simulated captures that differ by noise alone. Closed: before less after, over before "
-        "less floor; above 100 % the simulation is nearer than noise alone would have it, below "
-        "0 % it is farther than before."
+        f"Measured on {counted(len(of.locked), 'scene')} that had no say in what is named. {tells} "
+        "Floor: that of two simulated captures that differ by noise alone. Closed: before less "
+        "after, over before less floor; above 100 % what is left is less than noise alone would "
+        "have it, below 0 % it is more than before."
     )
     return (
         prose(said)

@@ -11,6 +11,7 @@ from diagnosis.report import howfar, where, which
 from diagnosis.report import sentences as said
 from diagnosis.report.elements import prose
 from diagnosis.report.style import STYLE
+from diagnosis.report.words import words
 from diagnosis.which import null
 from diagnosis.which.arm import OF_BEFORE, UNEXPLAINED
 
@@ -57,10 +58,17 @@ def _answer(of: Diagnosis) -> str:
         else "None is locked away, to judge by."
     )
     limits = f"<h3>What these captures cannot tell</h3>{sentences(of.limits, '')}"
+    scenes = counted(len(of.scenes), "scene")
     return (
-        f'<ul class="answer">{items}</ul><p>Diagnosed: {counted(len(of.scenes), "scene")}, '
-        f"{listed(of.scenes)}. {locked}</p>{limits if of.limits else ''}"
+        f'<ul class="answer">{items}</ul>{_compared(of)}'
+        f"<p>Diagnosed: {scenes}, {listed(of.scenes)}. {locked}</p>{limits if of.limits else ''}"
     )
+
+
+def _compared(of: Diagnosis) -> str:
+    if of.against is None:
+        return ""
+    return prose(words(of.against).gap, f"The others: {of.against}.")
 
 
 def _made(of: Diagnosis) -> str:

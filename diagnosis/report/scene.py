@@ -10,31 +10,33 @@ from diagnosis.reading import Reading
 from diagnosis.report import pictures
 from diagnosis.report.elements import percent, picture, prose
 from diagnosis.report.shown import Shown
+from diagnosis.report.words import Words
 
 
-def section(of: Shown, *, locked: bool, named: bool) -> str:
+def section(of: Shown, named: Words, *, locked: bool, tried: bool) -> str:
     """Draw a scene's infrared images and disparity errors as HTML.
 
     Args:
         of: the scene.
+        named: what its readings are called.
         locked: whether it had no say in what is named.
-        named: whether effects were tried at all.
+        tried: whether effects were tried at all.
     """
     said = []
-    if named:
+    if tried:
         said.append(f"It had {'no' if locked else 'a'} say in what is named.")
-    if of.after is None:
+    if of.after is None and not named.gap:
         said.append("There is no picture after: nothing was named that can be set.")
-    return (prose(*said) if said else "") + _infrared(of) + _errors(of)
+    return (prose(*said) if said else "") + _infrared(of, named) + _errors(of, named)
 
 
-def _readings(of: Shown) -> list[tuple[str, Reading]]:
-    found = [("Real", of.real), ("Simulated, base", of.before)]
+def _readings(of: Shown, named: Words) -> list[tuple[str, Reading]]:
+    found = [(named.one, of.real), (named.other, of.before)]
     return found if of.after is None else [*found, ("Simulated, accepted effects", of.after)]
 
 
-def _infrared(of: Shown) -> str:
-    images = [(name, one.left[0]) for name, one in _readings(of) if one.left is not None]
+def _infrared(of: Shown, named: Words) -> str:
+    images = [(name, one.left[0]) for name, one in _readings(of, named) if one.left is not None]
     note = "" if of.real.left is not None else "No infrared was captured of it."
     if not images:
         return prose(note)
@@ -64,9 +66,9 @@ def _infrared(of: Shown) -> str:
     )
 
 
-def _errors(of: Shown) -> str:
+def _errors(of: Shown, named: Words) -> str:
     drawn = []
-    for name, one in _readings(of):
+    for name, one in _readings(of, named):
         maps, whose = one.ours_px, "our matcher"
         if one.device_px is not None:
             maps, whose = one.device_px, "the device's own"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.howfar.closed import Closed
+from diagnosis.report.words import words
 from diagnosis.which.arm import Found
 from diagnosis.which.search import Accepted
 from sim.effects.effect import Value
@@ -24,9 +25,11 @@ def answer(of: Diagnosis) -> list[str]:
 def _where(of: Diagnosis) -> str:
     part = of.where.parts["ndp_rate"]
     real = part.device if part.device is not None else part.rematched
-    if real is None:
+    base = part.base_device if part.base_device is not None else part.base
+    if real is None or base is None:
         return "Nothing was captured that depth could be told from."
-    said = f"{_percent(real)} of the pixels have no depth, simulated {_percent(part.simulated)}"
+    beside = words(of.against).beside
+    said = f"{_percent(real)} of the pixels have no depth, {beside} {_percent(base)}"
     if part.image_share is not None and part.image is not None and part.matcher is not None:
         said += (
             f"; of the gap {_points(part.image[0])} arise in the images and "

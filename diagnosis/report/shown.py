@@ -19,22 +19,21 @@ class Shown:
 
     scene: str
     real: Reading
-    before: Reading  # Simulated with the base.
-    after: Reading | None  # With effects; None without any.
+    before: Reading  # Simulated with the base, or the capture that this one is compared with.
+    after: Reading | None  # Simulated with effects; None without any.
     ground: Ground
 
 
 def shown(of: Subject, settings: Mapping[str, Value]) -> Shown:
-    """Simulate a scene before and after, with common noise.
+    """Simulate a scene before and after, with common noise; of two captures nothing is simulated.
 
     Args:
         of: the scene.
         settings: value by effect; none: nothing is simulated after.
     """
-    return Shown(
-        scene=of.name,
-        real=of.real,
-        before=of.simulate({}, seed=_SEED),
-        after=of.simulate(settings, seed=_SEED) if settings else None,
-        ground=of.ground,
-    )
+    if of.against is not None:
+        before, after = of.against, None
+    else:
+        before = of.simulate({}, seed=_SEED)
+        after = of.simulate(settings, seed=_SEED) if settings else None
+    return Shown(scene=of.name, real=of.real, before=before, after=after, ground=of.ground)

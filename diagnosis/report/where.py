@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from html import escape
@@ -13,6 +14,7 @@ from calibration.report.elements import bar, number, table
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.report import pictures, scene
 from diagnosis.report.elements import Bar, chart, interval, percent, picture, points, prose
+from diagnosis.report.words import Words, words
 from diagnosis.where.maps import CAMERA, FIELD, Map
 from diagnosis.where.rules import Rule
 from diagnosis.where.swap import Part
@@ -41,48 +43,39 @@ _FIGURES = {
 
 @dataclass(frozen=True, slots=True)
 class _Quantity:
-    title: str
-    red: str
+    title: str  # With room for both sides of the gap.
+    red: str  # With room for the side whose more is red.
     unit: str
     scale: float
     least: float  # Limit of the colours, in the map's own unit, that is never gone below.
 
 
 _QUANTITIES = {
-    "infrared": _Quantity(
-        "Infrared level, logarithm of real over simulated", "the real is brighter", "", 1, 0.02
-    ),
-    "error": _Quantity(
-        "Disparity, real less simulated", "the real has more disparity", "px", 1, 0.01
-    ),
-    "holes": _Quantity(
-        "Pixels without depth, real less simulated", "the real has more", "points", 100, 0.005
-    ),
+    "infrared": _Quantity("Infrared level, logarithm of {} over {}", "{} is brighter", "", 1, 0.02),
+    "error": _Quantity("Disparity, {} less {}", "{} has more disparity", "px", 1, 0.01),
+    "holes": _Quantity("Pixels without depth, {} less {}", "{} has more", "points", 100, 0.005),
 }
 
 
 def section(of: Diagnosis) -> str:
     """Write the answer to the first question as HTML."""
+    named = words(of.against)
     return (
         "<h3>Which half of the chain</h3>"
-        + prose(
-            "Means over scenes. A: simulated images, our matcher. B: real images, our matcher. "
-            "C: the device's own depth. B less A is the part of the images, C less B that of "
-            "matcher and filters; whiskers are 95 % intervals over scenes."
-        )
-        + "".join(_part(name, part) for name, part in of.where.parts.items())
+        + prose(f"Means over scenes. {named.stages}")
+        + "".join(_part(name, part, named) for name, part in of.where.parts.items())
         + "<h3>Which places</h3>"
         + _maps(of)
         + f"<h3>One scene: {escape(of.shown.scene)}</h3>"
-        + scene.section(of.shown, locked=of.shown.scene in of.locked, named=bool(of.arms))
+        + scene.section(of.shown, named, locked=of.shown.scene in of.locked, tried=bool(of.arms))
         + "<h3>Which rules</h3>"
-        + _rules(of.where.rules)
+        + _rules(of.where.rules, named)
         + f"<h3>Which bins: the {min(ROWS, len(of.where.rows))} of the smallest chance</h3>"
-        + _rows(of.where.rows[:ROWS])
+        + _rows(of.where.rows[:ROWS], named)
     )
 
 
-def _part(name: str, part: Part) -> str:
+def _part(name: str, part: Part, named: Words) -> str:
     figure = _FIGURES.get(name, _Figure(name, "", 1, ".3g", ""))
 
     def told(value: float | None) -> str:
@@ -94,16 +87,19 @@ def _part(name: str, part: Part) -> str:
         return math.nan if value is None else figure.scale * value
 
     bars = [
-        Bar(name="A simulated", value=scaled(part.simulated), told=told(part.simulated)),
+        Bar(name=named.images[0], value=scaled(part.base), told=told(part.base)),
         Bar(
-            name="B real images, our matcher",
+            name=named.images[1],
             value=scaled(part.rematched),
             told=told(part.rematched),
             kind="second",
         ),
         Bar(name="C device", value=scaled(part.device), told=told(part.device), kind="third"),
     ]
-    for words, found in (
+    if part.base_device is not None:
+        other = part.base_device
+        bars.append(Bar(name="D other device", value=scaled(other), told=told(other), kind="third"))
+    for title, found in (
         ("B less A: images", part.image),
         ("C less B: matcher and filters", part.matcher),
     ):
@@ -112,7 +108,7 @@ def _part(name: str, part: Part) -> str:
         mean, low, high = (figure.scale * end for end in found)
         bars.append(
             Bar(
-                name=words,
+                name=title,
                 value=mean,
                 low=low,
                 high=high,
@@ -135,27 +131,31 @@ def _maps(of: Diagnosis) -> str:
             "of two scenes. One scale of colours for both frames."
         )
     ]
-    for quantity, words in _QUANTITIES.items():
+    named = words(of.against)
+    for quantity, blank in _QUANTITIES.items():
         some = [one for one in of.where.maps if one.quantity == quantity]
         if not some:
             continue
-        limit = pictures.limit(some, least=words.least)
-        drawn = "".join(_map(one, words, limit, info.height / info.width) for one in some)
-        ends = [f"{number(end * words.scale, '+.3g')} {words.unit}" for end in (-limit, limit)]
+        filled = dataclasses.replace(
+            blank, title=blank.title.format(*named.pair), red=blank.red.format(named.more)
+        )
+        limit = pictures.limit(some, least=filled.least)
+        drawn = "".join(_map(one, filled, limit, info.height / info.width) for one in some)
+        ends = [f"{number(end * filled.scale, '+.3g')} {filled.unit}" for end in (-limit, limit)]
         parts.append(
-            f'<h4>{escape(words.title)}</h4><div class="pairs">{drawn}</div>'
+            f'<h4>{escape(filled.title)}</h4><div class="pairs">{drawn}</div>'
             f'<div class="scale">{bar(pictures.scale(), *map(escape, ends))}'
-            f"red: {escape(words.red)}</div>"
+            f"red: {escape(filled.red)}</div>"
         )
     return "".join(parts)
 
 
-def _map(one: Map, words: _Quantity, limit: float, aspect: float) -> str:
+def _map(one: Map, of: _Quantity, limit: float, aspect: float) -> str:
     """Draw a map, of the projector's the part that is known.
 
     Args:
         one: the map.
-        words: of its quantity.
+        of: its quantity.
         limit: of the colours.
         aspect: height of the image over its width.
     """
@@ -173,12 +173,12 @@ def _map(one: Map, words: _Quantity, limit: float, aspect: float) -> str:
     strongest = float(one.mean[known][np.argmax(np.abs(one.mean[known]))])
     clear = int(np.count_nonzero(np.abs(one.t[known]) > _CLEAR_T))
     told = (
-        f"strongest {number(words.scale * strongest, '+.3g')} {words.unit}".rstrip()
+        f"strongest {number(of.scale * strongest, '+.3g')} {of.unit}".rstrip()
         + f"; |t| > {_CLEAR_T:.0f} in {clear} of {int(known.sum())} cells"
     )
     return picture(
         pictures.heat(mean, limit, aspect=aspect * columns / rows),
-        alt=f"{frame}. {words.title}: {told}.",
+        alt=f"{frame}. {of.title}: {told}.",
         caption=f"{frame}; {told}",
         sharp=True,
     )
@@ -196,16 +196,16 @@ def _tangents(cells: slice, count: int) -> str:
     return " to ".join(number(end, ".2f") for end in ends)
 
 
-def _rules(rules: tuple[Rule, ...]) -> str:
+def _rules(rules: tuple[Rule, ...], named: Words) -> str:
     if not rules:
         return prose("No rule about holes was found that other scenes confirm.")
     said = []
     for rule in rules:
         word = "more" if rule.gap >= 0 else "fewer"
         text = (
-            f"Where {rule.text}, real captures have {number(100 * abs(rule.gap), '.1f')} points "
-            f"{word} pixels without depth than simulated; this is {percent(rule.area)} of the "
-            "pixels"
+            f"Where {rule.text}, {named.have[0]} have {number(100 * abs(rule.gap), '.1f')} points "
+            f"{word} pixels without depth than {named.have[1]}; this is {percent(rule.area)} of "
+            "the pixels"
         )
         if math.isfinite(rule.share):
             text += f" and {number(100 * rule.share, '.0f')} % of the whole gap"
@@ -213,7 +213,7 @@ def _rules(rules: tuple[Rule, ...]) -> str:
     return f"<ul>{''.join(said)}</ul>"
 
 
-def _rows(rows: tuple[Row, ...]) -> str:
+def _rows(rows: tuple[Row, ...], named: Words) -> str:
     if not rows:
         return prose("No bin holds enough pixels.")
     cells = [
@@ -230,7 +230,7 @@ def _rows(rows: tuple[Row, ...]) -> str:
     ]
     head = ["By", "Bin", "Gap in holes", "95 %", "Of the pixels", "Of the gap", "Chance"]
     return table(head, cells, words=2) + prose(
-        "Gap: real pixels without depth less simulated. Chance: of as large a gap in any bin, "
-        "were the signs of scenes arbitrary.",
+        f"Gap: pixels without depth, {named.pair[0]} less {named.pair[1]}. Chance: of as large a "
+        "gap in any bin, were the signs of scenes arbitrary.",
         quiet=True,
     )

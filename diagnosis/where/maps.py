@@ -39,22 +39,20 @@ class OfBody:
     scene: str
     body: int
     pixels: int
-    infrared: float  # Logarithm of the real level over the simulated; NaN without infrared.
-    holes: float  # Share of real no-depth pixels less the simulated.
+    infrared: float  # Logarithm of the real level over the base's; NaN without infrared.
+    holes: float  # Share of real no-depth pixels less the base's.
 
 
-def maps(
-    simulated: Sequence[Reading], real: Sequence[Reading], grounds: Sequence[Ground]
-) -> list[Map]:
+def maps(base: Sequence[Reading], real: Sequence[Reading], grounds: Sequence[Ground]) -> list[Map]:
     """Draw all maps that the readings allow.
 
     Args:
-        simulated: readings of the base.
+        base: simulated readings, or other captures of the scenes.
         real: what was captured.
         grounds: of the scenes.
     """
     found = []
-    gaps = [_gaps(*one) for one in zip(simulated, real, grounds, strict=True)]
+    gaps = [_gaps(*one) for one in zip(base, real, grounds, strict=True)]
     for frame in (CAMERA, PROJECTOR):
         cells = [_cells(ground, frame) for ground in grounds]
         for quantity in gaps[0]:
@@ -67,13 +65,13 @@ def maps(
 
 def bodies(
     names: Sequence[str],
-    simulated: Sequence[Reading],
+    base: Sequence[Reading],
     real: Sequence[Reading],
     grounds: Sequence[Ground],
 ) -> list[OfBody]:
     """Compare object by object, those with most pixels first."""
     found = []
-    for name, one, other, ground in zip(names, simulated, real, grounds, strict=True):
+    for name, one, other, ground in zip(names, base, real, grounds, strict=True):
         gap = _gaps(one, other, ground)
         for body in np.unique(ground.body[ground.counted]):
             where = ground.counted & (ground.body == body)
@@ -92,19 +90,17 @@ def bodies(
     return sorted(found, key=lambda one: -one.pixels)
 
 
-def _gaps(simulated: Reading, real: Reading, ground: Ground) -> dict[str, NDArray[np.float64]]:
-    """Real less simulated, a value a pixel; NaN where it is not known."""
+def _gaps(base: Reading, real: Reading, ground: Ground) -> dict[str, NDArray[np.float64]]:
+    """Real less base, a value a pixel; NaN where it is not known."""
     found = {}
-    if real.left is not None and simulated.left is not None:
-        ratio = np.log((real.left[0] + 1.0) / (simulated.left[0] + 1.0))
+    if real.left is not None and base.left is not None:
+        ratio = np.log((real.left[0] + 1.0) / (base.left[0] + 1.0))
         found["infrared"] = _counted(ratio, ground.counted)
-    ours = simulated.ours_px
-    device = real.device_px if real.device_px is not None else real.ours_px
-    assert ours is not None and device is not None
-    error = device[0] - ours[0].astype(np.float64)
+    before, after = base.depth_px[0].astype(np.float64), real.depth_px[0]
+    error = after - before
     near = np.abs(error) <= _FAR_OFF_PX
     found["error"] = _counted(np.where(near, error, np.nan), ground.counted)
-    change = (~np.isfinite(device[0])).astype(np.float64) - ~np.isfinite(ours[0])
+    change = (~np.isfinite(after)).astype(np.float64) - ~np.isfinite(before)
     found["holes"] = _counted(change, ground.counted)
     return found
 

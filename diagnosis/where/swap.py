@@ -2,7 +2,9 @@
 
 Three depth maps of one scene: simulated infrared by our matcher (A), real infrared by our matcher
 (B), the device's own (C). B less A is what the simulated image lacks, C less B what our matcher and
-post-processing do otherwise. No statistics are needed to part the two.
+post-processing do otherwise. No statistics are needed to part the two. Where two captures are
+compared, A is the other capture's infrared by our matcher, and from C less B is taken what the
+other device's own depth differs from A by.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ _LEVEL = 0.95
 class Part:
     """One figure along the chain, means over scenes."""
 
-    simulated: float  # A
+    base: float | None  # A; None where no infrared was captured that it would be made of.
+    base_device: float | None  # The other device's own depth; None where A is simulated.
     rematched: float | None  # B; None where no infrared was captured.
     device: float | None  # C; None where no depth was captured.
     image: tuple[float, float, float] | None  # B - A: mean, low, high over scenes.
@@ -49,12 +52,12 @@ FIGURES: dict[str, Callable[[NDArray, Ground], float]] = {
 
 
 def swap(
-    simulated: Sequence[Reading], real: Sequence[Reading], grounds: Sequence[Ground]
+    base: Sequence[Reading], real: Sequence[Reading], grounds: Sequence[Ground]
 ) -> dict[str, Part]:
     """Measure A, B and C on every scene.
 
     Args:
-        simulated: readings of the base.
+        base: simulated readings, or other captures of the scenes.
         real: what was captured.
         grounds: of the scenes.
     """
@@ -63,18 +66,21 @@ def swap(
         columns = [
             [_of(figure, maps, ground) for maps, ground in zip(column, grounds, strict=True)]
             for column in (
-                [one.ours_px for one in simulated],
+                [one.ours_px for one in base],
                 [one.ours_px for one in real],
                 [one.device_px for one in real],
+                [one.device_px for one in base],
             )
         ]
-        a, b, c = (np.array(column, float) for column in columns)
+        a, b, c, d = (np.array(column, float) for column in columns)
+        own = d - a if np.isfinite(d).any() else np.zeros_like(a)
         found[name] = Part(
-            simulated=float(np.nanmean(a)),
+            base=_mean(a),
+            base_device=_mean(d),
             rematched=_mean(b),
             device=_mean(c),
             image=_difference(b - a),
-            matcher=_difference(c - b),
+            matcher=_difference(c - b - own),
         )
     return found
 

@@ -27,24 +27,21 @@ class Where:
 
 
 def where(subjects: Sequence[Subject]) -> Where:
-    """Compare the base with what was captured, without any effect.
+    """Compare what was captured with the base without any effect, or with other captures of it.
 
     Holes are the device's own where it has depth, else our matcher's on the real images.
 
     Args:
         subjects: at least one.
     """
-    simulated = [one.simulate({}, seed=0) for one in subjects]
+    base = [one.simulate({}, seed=0) if one.against is None else one.against for one in subjects]
     real, grounds = [one.real for one in subjects], [one.ground for one in subjects]
-    ours = [one.ours_px for one in simulated if one.ours_px is not None]
-    device = [one.device_px if one.device_px is not None else one.ours_px for one in real]
-    first = [~np.isfinite(one[0]) for one in ours]
-    second = [~np.isfinite(one[0]) for one in device if one is not None]
+    first, second = ([~np.isfinite(one.depth_px[0]) for one in many] for many in (base, real))
     several = len(subjects) > 1
     return Where(
-        parts=swap.swap(simulated, real, grounds),
-        maps=tuple(maps.maps(simulated, real, grounds)) if several else (),
-        bodies=tuple(maps.bodies([one.name for one in subjects], simulated, real, grounds)),
+        parts=swap.swap(base, real, grounds),
+        maps=tuple(maps.maps(base, real, grounds)) if several else (),
+        bodies=tuple(maps.bodies([one.name for one in subjects], base, real, grounds)),
         rows=tuple(table.table(first, second, grounds)),
         rules=tuple(rules.rules(first, second, grounds)) if several else (),
     )

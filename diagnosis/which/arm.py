@@ -96,8 +96,8 @@ def screen(
 
 def _same(bench: Bench, base: Base) -> bool:
     """Whether no feature of any scene is off: then nothing has to be matched again."""
-    off = np.abs(bench.real() - base.mean) / base.deviation
-    return bool((np.nan_to_num(off) <= 1).all())
+    likelihood = base.likelihood(bench.real(), np.ones(len(bench.names)))
+    return bool((np.nan_to_num(np.abs(likelihood.left(likelihood.nothing))) <= 1).all())
 
 
 def diagnosed(bench: Bench, screen: Screen) -> Found:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -25,7 +26,7 @@ Row = NDArray[np.float64]  # (features,)
 Table = NDArray[np.float64]  # (scenes, features); NaN where a feature has too few pixels.
 Make = Callable[..., Row | None]  # Of a subject, columns and more.
 
-_MADE = 2  # Of the features: another number, and what is kept is made again.
+_MADE = 3  # Of the features: another number, and what is kept is made again.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -68,6 +69,25 @@ class Bench:
         """What was captured."""
         return np.stack([_row(one.real, one, self.columns) for one in self.subjects])
 
+    def against(self) -> Table | None:
+        """What the captures are compared with; None where that is simulated.
+
+        In the arm of matcher and filters it is what our matcher makes of the captured images and
+        what the other device differs from our matcher by.
+        """
+        others = [
+            _other_row(one.against, one, self.columns)
+            for one in self.subjects
+            if one.against is not None
+        ]
+        if not others:
+            return None
+        if self.arm is not Arm.DEPTH:
+            return np.stack(others)
+        again = self.simulated({})
+        assert again is not None
+        return again + np.stack(others)
+
     def simulated(self, settings: Mapping[str, Value], *, seed: int = 0) -> Table | None:
         """What is simulated with effects set; None where they cannot be, all at once.
 
@@ -81,6 +101,12 @@ class Bench:
         matcher reads bits that its images are put out without.
         """
         rows = self._rows("finer", seed, finer_row)
+        assert rows is not None
+        return rows
+
+    def exposed(self, *, seed: int) -> Table:
+        """What the captures are compared with, with the noise of one more exposure."""
+        rows = self._rows("exposed", seed, exposed_row)
         assert rows is not None
         return rows
 
@@ -163,6 +189,11 @@ def finer_row(of: Subject, columns: Columns, seed: int) -> Row:
     return _row(own, of, columns) - _row(of.rematch({}, of=own), of, columns)
 
 
+def exposed_row(of: Subject, columns: Columns, seed: int) -> Row:
+    """One scene's row of `Bench.exposed`."""
+    return _row(of.expose_again(seed=seed), of, columns)
+
+
 def _simulated(of: Subject, arm: Arm, settings: Mapping[str, Value], seed: int) -> Reading:
     if arm is Arm.DEPTH:
         return of.rematch(settings)
@@ -176,6 +207,13 @@ def _row(reading: Reading, subject: Subject, columns: Columns) -> Row:
     return np.array([found.get(name, np.nan) for name in columns.names])
 
 
+def _other_row(reading: Reading, subject: Subject, columns: Columns) -> Row:
+    row = _row(reading, subject, columns)
+    if columns.arm is not Arm.DEPTH:
+        return row
+    return row - _row(subject.rematch({}, of=reading), subject, columns)
+
+
 def _features(arm: Arm, reading: Reading, subject: Subject, ceiling: float) -> dict[str, float]:
     if arm is Arm.IMAGE:
         return features.of_image(reading, subject.ground, ceiling=ceiling)
@@ -186,15 +224,17 @@ def _digest(subject: Subject, columns: Columns) -> str:
     found = hashlib.sha256(repr((_MADE, columns, subject.frames, subject.sensor)).encode())
     for image in (subject.ground.expected, subject.ground.disparity_px):
         found.update(np.ascontiguousarray(image).tobytes())
-    if columns.arm is Arm.DEPTH and subject.real.left is not None:
-        assert subject.real.right is not None
-        found.update(np.ascontiguousarray(subject.real.left).tobytes())
-        found.update(np.ascontiguousarray(subject.real.right).tobytes())
+    pairs = [subject.real] if columns.arm is Arm.DEPTH else []
+    pairs += [] if subject.against is None else [subject.against]
+    for pair in pairs:
+        for images in (pair.left, pair.right):
+            if images is not None:
+                found.update(np.ascontiguousarray(images).tobytes())
     return found.hexdigest()[:16]
 
 
 def _save(path: Path, row: Row) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part.npy")
+    part = path.with_suffix(f".{os.getpid()}.npy")  # Two may keep the same at once.
     np.save(part, row, allow_pickle=False)
     part.replace(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -26,6 +27,8 @@ class Base:
 
     tables: NDArray[np.float64]  # (seeds, scenes, features); the first has the signatures' seed.
     floor: NDArray[np.float64]  # (features,)
+    # What a capture is compared with; None: the mean of the base.
+    against: Table | None = None
 
     @property
     def mean(self) -> Table:
@@ -34,19 +37,32 @@ class Base:
 
     @property
     def deviation(self) -> NDArray[np.float64]:
-        """Deviation (features,) of a reading less the mean, and of what the simulator misses."""
+        """Deviation (features,) of a reading less what it is compared with, and of what the
+        simulator misses.
+        """
         seeds = len(self.tables)
         squares = _mean((self.tables - self.mean) ** 2, axis=(0, 1))
-        variance = squares * seeds / max(seeds - 1, 1) * (1 + 1 / seeds)
+        variance = squares * seeds / max(seeds - 1, 1)
+        variance = variance * (1 + (1 / seeds if self.against is None else 1))
         return np.sqrt(np.nan_to_num(variance) + self.floor**2)
 
     def likelihood(self, real: Table, weight: NDArray[np.float64]) -> Likelihood:
         """Likelihood of a reading's gap."""
-        return Likelihood(real - self.mean, np.broadcast_to(self.deviation, real.shape), weight)
+        gap = real - (self.mean if self.against is None else self.against)
+        return Likelihood(gap, np.broadcast_to(self.deviation, gap.shape), weight)
 
     def without(self, number: int) -> Base:
-        """The base with one seed left out."""
-        return Base(np.delete(self.tables, number, axis=0), self.floor)
+        """The base with one seed left out; where captures are compared the next stands for one."""
+        following = self.tables[(number + 1) % len(self.tables)]
+        return dataclasses.replace(
+            self,
+            tables=np.delete(self.tables, number, axis=0),
+            against=None if self.against is None else following,
+        )
+
+    def drawn(self, simulated: Table) -> Base:
+        """The base with a simulated reading for the captures that others are compared with."""
+        return self if self.against is None else dataclasses.replace(self, against=simulated)
 
 
 def _mean(values: NDArray[np.float64], axis: int | tuple[int, ...]) -> NDArray[np.float64]:
@@ -58,19 +74,26 @@ def _mean(values: NDArray[np.float64], axis: int | tuple[int, ...]) -> NDArray[n
 
 
 def base(bench: Bench, *, seeds: int = SEEDS) -> Base:
-    """Simulate the base.
+    """Simulate the base, or the noise of images that captures are compared with.
 
-    Matching a real pair again draws nothing: there one table is all, unless the device's own
-    matcher reads finer bits, which are drawn.
+    How features of real images scatter no simulation tells: where the device has other dots than
+    the sensor, one that looks for the sensor's is chance alone. Matching a real pair again draws
+    nothing: there one table is all, unless the device's own matcher reads finer bits, which are
+    drawn.
     """
     if bench.arm is Arm.DEPTH:
         again = bench.simulated({})
         assert again is not None
         drawn = range(seeds if bench.subjects[0].sensor.left.dropped_bits else 0)
         tables = [again + bench.finer(seed=number) for number in drawn] or [again]
-        return Base(np.stack(tables), floors(bench.names))
+        return Base(np.stack(tables), floors(bench.names), bench.against())
+    against = bench.against()
+    if against is not None and bench.arm is Arm.IMAGE:
+        exposed = np.stack([bench.exposed(seed=number) for number in range(seeds)])
+        return Base(exposed, floors(bench.names), against)
     found = [bench.simulated({}, seed=number) for number in range(seeds)]
-    return Base(np.stack([one for one in found if one is not None]), floors(bench.names))
+    tables = np.stack([one for one in found if one is not None])
+    return Base(tables, floors(bench.names), against)
 
 
 def floors(names: Sequence[str]) -> NDArray[np.float64]:

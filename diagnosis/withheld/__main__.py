@@ -1,6 +1,7 @@
 """Check what the diagnosis finds of effects that are withheld from it.
 
     python -m diagnosis.withheld OUT [--tier 1] [--cases N] [--no-infrared]
+    python -m diagnosis.withheld OUT --tier 4 --captures SET --sensor FILE [--cases N]
 
 Everything is kept in OUT: a run that was stopped goes on where it was. The last line that is
 printed is the scores as JSON where asked for, else a table.
@@ -30,17 +31,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--no-infrared", action="store_true", help="captures of depth alone")
     parser.add_argument("--jobs", type=int, default=2, help="sets of scenes at once")
     parser.add_argument("--blender", type=Path, default=Path(".blender/bin/python"))
+    parser.add_argument("--captures", type=Path, help="real capture set, for tier 4")
+    parser.add_argument("--sensor", help="preset or sensor file of its camera, for tier 4")
     parser.add_argument("--json", action="store_true", help="print the scores as JSON")
     asked = parser.parse_args(arguments)
     begun = time.perf_counter()
-    check = Check(
-        out=asked.out,
-        tier=TIERS[asked.tier],
-        blender=asked.blender,
-        infrared=not asked.no_infrared,
-        jobs=asked.jobs,
-    )
     try:
+        check = Check(
+            out=asked.out,
+            tier=TIERS[asked.tier],
+            blender=asked.blender,
+            captures=asked.captures,
+            sensor=asked.sensor,
+            infrared=not asked.no_infrared,
+            jobs=asked.jobs,
+        )
         cases = check.prepared(asked.cases)
         print((asked.out / seal.SEAL).read_text(encoding="ascii").strip(), file=sys.stderr)
         check.diagnosed(cases, asked.cases)

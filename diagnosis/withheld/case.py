@@ -38,6 +38,11 @@ class Case:
             )
         check_names(self.settings)
 
+    @property
+    def name(self) -> str:
+        """Of its files and folders."""
+        return f"{self.number:03d}"
+
 
 def draw(
     nominal: Nominal,
@@ -46,6 +51,7 @@ def draw(
     limits: Mapping[str, float] | None = None,
     kinds: Sequence[Kind] = ("image",),
     leave_out: Iterable[str] = (),
+    upwards: Iterable[str] = (),
     entropy: int | None = None,
 ) -> tuple[Case, ...]:
     """Draw cases by lot.
@@ -60,6 +66,7 @@ def draw(
         limits: Least departure by effect, where one is known.
         kinds: Kinds of effects that singles and pairs are drawn from.
         leave_out: Names of effects that are not drawn.
+        upwards: Names of those that are drawn above their neutral alone.
         entropy: Where the lot starts; by default the system's own randomness.
 
     Raises:
@@ -71,7 +78,7 @@ def draw(
     if entropy is None:
         entropy = int.from_bytes(os.urandom(16), "big")
     rng = np.random.Generator(np.random.SFC64(entropy))
-    lot = _Lot(rng=rng, nominal=nominal, limits=dict(limits or {}))
+    lot = _Lot(rng=rng, nominal=nominal, limits=dict(limits or {}), upwards=frozenset(upwards))
     known = lot.able(row for row in ROWS.values() if row.kind in kinds and row.name not in skip)
     strange = lot.able(
         row for row in ROWS.values() if row.kind == "outside" and row.name not in skip
@@ -103,13 +110,15 @@ class _Lot:
     rng: np.random.Generator
     nominal: Nominal
     limits: dict[str, float]
+    upwards: frozenset[str]
 
     def low(self, row: Row) -> float:
         return max(self.limits.get(row.name, row.low), 1e-12)
 
     def sides(self, row: Row) -> list[int]:
         """Signs to which the camera leaves room for a departure."""
-        return [s for s in row.signs if row.reach(self.nominal, s) >= self.low(row)]
+        signs = [s for s in row.signs if s > 0 or row.name not in self.upwards]
+        return [s for s in signs if row.reach(self.nominal, s) >= self.low(row)]
 
     def able(self, rows: Iterable[Row]) -> list[Row]:
         """Those of the effects that this camera can show."""

@@ -15,7 +15,10 @@ from diagnosis.withheld.case import Case
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.nominal import Nominal
+from diagnosis.withheld.real_pairs import RealPairs
+from diagnosis.withheld.rendered import Rendered
 from diagnosis.withheld.scene_set import SceneSet
+from diagnosis.withheld.source import Source
 from diagnosis.withheld.tier import Tier
 
 # Values below and above the base from which on half of the readings are found, by effect, on scenes
@@ -32,8 +35,19 @@ class Check:
     out: Path
     tier: Tier
     blender: Path
+    captures: Path | None = None  # Of a real camera, for a tier of real pairs.
+    sensor: str | None = None  # Preset or sensor file of that camera.
     infrared: bool = True
     jobs: int = 2  # Sets of scenes at once, each in a process; one alone stays in this process.
+
+    def __post_init__(self) -> None:
+        given = (self.captures is not None, self.sensor is not None)
+        if given != (self._real, self._real):
+            rule = "must be given for tier 4, and for no other"
+            got = f"{self.captures} and {self.sensor} for tier {self.tier.number}"
+            raise refusal("captures and sensor", rule, got, "Real pairs are a real camera's.")
+        if self._real and not self.infrared:
+            raise refusal("tier 4", "must have infrared", "none", "It has no depth of its own.")
 
     @property
     def sets(self) -> list[SceneSet]:
@@ -42,12 +56,27 @@ class Check:
             SceneSet(
                 folder=self.out / f"set-{number}",
                 number=number,
-                tier=self.tier,
-                blender=self.blender,
+                source=self._source(number),
                 infrared=self.infrared,
             )
             for number in range(self.tier.sets)
         ]
+
+    @property
+    def _real(self) -> bool:
+        return self.tier.source == "real"
+
+    def _source(self, number: int) -> Source:
+        folder = self.out / f"set-{number}"
+        if self.captures is None or self.sensor is None:
+            return Rendered(folder=folder, number=number, tier=self.tier, blender=self.blender)
+        return RealPairs(
+            folder=folder,
+            number=number,
+            scenes=self.tier.scenes,
+            captures=self.captures,
+            believed=self.sensor,
+        )
 
     @property
     def hidden(self) -> Path:
@@ -55,7 +84,7 @@ class Check:
         return self.out / "hidden"
 
     def prepared(self, singles: int | None = None) -> tuple[Case, ...]:
-        """Make the light, draw the cases and seal the truth, or take up what was sealed before.
+        """Make what captures need, draw the cases and seal the truth, or take up what was sealed.
 
         Args:
             singles: How many, instead of the tier's own number; the rest in proportion.
@@ -63,16 +92,18 @@ class Check:
         Raises:
             WithheldError: if a renderer fails or the truth is not what was sealed.
         """
-        self._each(_render, [(one,) for one in self.sets])
+        self._each(_prepare, [(one,) for one in self.sets])
         if not (self.hidden / seal.TRUTH).exists():
             counts, _ = self.tier.drawn(singles)
-            camera = self.sets[0].camera
+            source = self.sets[0].source
+            camera = source.camera
             drawn = case.draw(
                 camera,
                 counts,
                 limits=departures(json.loads(LIMITS.read_text(encoding="utf-8")), camera),
                 kinds=self.tier.kinds,
-                leave_out=NOT_TRIED,
+                leave_out={*NOT_TRIED, *(ROWS.keys() - source.effects)},
+                upwards=source.upwards,
             )
             seal.seal(drawn, self.hidden, self.out)
         return seal.verify(self.hidden, self.out)
@@ -115,7 +146,9 @@ class Check:
         opened = len(path.read_text(encoding="utf-8").splitlines()) + 1 if path.exists() else 1
         with path.open("a", encoding="utf-8") as file:
             file.write(f"{opened}: {len(answered)} and {len(again)} verdicts\n")
-        told = score.score(answered, self.sets[0].camera, tier=self.tier.number, left_out=again)
+        told = score.score(
+            answered, self.sets[0].source.camera, tier=self.tier.number, left_out=again
+        )
         return {**told, "infrared": self.infrared, "opened": opened}
 
     def _left_out(self, cases: Sequence[Case], singles: int | None) -> list[Case]:
@@ -160,8 +193,8 @@ def departures(limits: Mapping[str, Sequence[Any]], camera: Nominal) -> dict[str
     return found
 
 
-def _render(of: SceneSet) -> None:
-    of.render()
+def _prepare(of: SceneSet) -> None:
+    of.source.prepare()
 
 
 def _diagnose(of: SceneSet, cases: Sequence[Case], left_out: Sequence[Case]) -> None:

@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from diagnosis.withheld import alignment, fixed_pattern, imager, lens, psf, readout, speckle
+from diagnosis.withheld import (
+    alignment,
+    fixed_pattern,
+    imager,
+    lens,
+    outside,
+    psf,
+    readout,
+    speckle,
+)
 from diagnosis.withheld.catalogue import Strengths
 from diagnosis.withheld.chain import Pair
 from diagnosis.withheld.draws import Draws
@@ -37,9 +46,20 @@ EFFECTS = frozenset(
         "black_level",
         "smoothing",
         "decimation",
+        # Outside the table; what is missing asks for bodies, lamps or single dots.
+        "lens_ghost",
+        "astigmatism",
+        "finger_print",
+        "brightness_ramp",
+        "column_rain",
+        "block_compression",
     }
 )
-_OPTICAL = ("lens_blur", "vignetting", "veil", "crosstalk")
+UPWARDS = frozenset({"lens_blur", "read_noise"})  # What is there of them cannot be taken out.
+_OPTICAL = (
+    *("lens_blur", "vignetting", "veil", "crosstalk"),
+    *("lens_ghost", "astigmatism", "finger_print", "brightness_ramp"),
+)
 _DOT_PX = 9  # What is narrower than this and brighter than what is beside it is a dot.
 _PROBE_PX = 6.0  # Over which the noise that an operation leaves is averaged.
 _PROBE_LIFT = 8.0  # Keeps the probe's noise above 0, where resampling clips.
@@ -54,6 +74,7 @@ def inject(
     seed: int,
     scene: str = "",
     frame: int = 0,
+    exposed_again: bool = False,
 ) -> Pair:
     """Put effects into a real pair.
 
@@ -70,9 +91,11 @@ def inject(
         seed: Of all draws.
         scene: Name of the scene, for draws that are the scene's.
         frame: Number of the frame.
+        exposed_again: Add the noise of one more exposure, drawn for this frame.
 
     Returns:
-        The pair with effects; equal to the one given where every effect is at its neutral.
+        The pair with effects; equal to the one given where every effect is at its neutral and
+        nothing is exposed again.
 
     Raises:
         WithheldError: if an effect is not of `EFFECTS`, a blur would have to be undone, or an image
@@ -85,14 +108,17 @@ def inject(
         if image.shape != nominal.shape:
             raise refusal("image", f"must be of shape {nominal.shape}", image.shape, "See nominal.")
     strengths = Strengths(nominal=nominal, values=settings)
-    for name in ("lens_blur", "read_noise"):
+    for name in sorted(UPWARDS):
         if strengths.of(name) < Strengths(nominal=nominal, values={}).of(name):
             raise refusal(name, "must not be below nominal", settings[name], "It cannot be undone.")
     draws = Draws(seed=seed, scene=scene, frame=frame)
-    left = _Injection(strengths=strengths, side="left", draws=draws).into(left_dn)
-    return Pair(
-        left=left, right=_Injection(strengths=strengths, side="right", draws=draws).into(right_dn)
+    left, right = (
+        _Injection(strengths=strengths, side=side, draws=draws, exposed_again=exposed_again).into(
+            image
+        )
+        for side, image in (("left", left_dn), ("right", right_dn))
     )
+    return Pair(left=left, right=right)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -100,20 +126,26 @@ class _Injection:
     strengths: Strengths
     side: str
     draws: Draws
+    exposed_again: bool
 
     def into(self, image_dn: Codes) -> Codes:
-        if not any(self.strengths.acting(name) for name in EFFECTS):
+        if not self.exposed_again and not any(self.strengths.acting(name) for name in EFFECTS):
             return image_dn
         nominal = self.strengths.nominal
         signal = image_dn.astype(np.float64) - nominal.black_level_dn
         signal = self._grain(signal)
         signal = self._through_optics(signal)
+        if self.exposed_again:
+            rng = self.draws.of_frame(f"{self.side}/injected exposure")
+            noise = rng.standard_normal(signal.shape)
+            signal = signal + np.sqrt(self._variance(signal)) * noise
         signal = self._electronics(signal * (self.strengths.of("gain") / nominal.gain))
         ceiling = readout.top(self.strengths)
         if self.strengths.acting("gamma"):
             signal = readout.tone(signal, self.strengths.of("gamma"), ceiling)
         dn = np.clip(signal + self.strengths.of("black_level"), 0.0, ceiling)
         dn = readout.smooth(dn, self.strengths.of("smoothing"))
+        dn = outside.compress(dn, self.strengths.of("block_compression"))
         return readout.whole(binned(dn, round(self.strengths.of("decimation"))), nominal.bit_depth)
 
     def _grain(self, signal: Image) -> Image:
@@ -149,6 +181,11 @@ class _Injection:
         where = alignment.of_side(self.side, self.strengths)
         black = nominal.black_level_dn  # Landing cuts off what is below 0, and noise is.
         landed = alignment.land(signal + glare + black, where, nominal) - black
+        landed = outside.ghost(landed, self.strengths.of("lens_ghost"))
+        landed = outside.astigmatism(landed, self.strengths.of("astigmatism"), nominal)
+        depth = self.strengths.of("finger_print")
+        landed = outside.finger_print(landed, depth, self.side, self.draws)
+        landed = outside.ramp(landed, self.strengths.of("brightness_ramp"), self.draws.frame)
         return imager.share_charge(landed, self.strengths.of("crosstalk"))
 
     def _variance(self, signal: Image) -> Image:
@@ -173,6 +210,8 @@ class _Injection:
             rng = self.draws.of_device(f"{self.side}/hot_pixels")
             hot = fixed_pattern.full(signal.shape, hot_share, rng)
             charge_e = np.where(hot, strengths.of("saturation"), charge_e)
+        rain, full_e = strengths.of("column_rain"), strengths.of("saturation")
+        charge_e = outside.column_rain(charge_e, rain, full_e, self.side, self.draws)
         return charge_e * dn_per_e
 
 

@@ -119,10 +119,23 @@ def read(path: Path) -> Nominal:
     Raises:
         WithheldError: if it is missing, no JSON object, lacks a key or holds what cannot be.
     """
+    return from_table(_table(path))
+
+
+def has(path: Path) -> frozenset[str]:
+    """Names of the effects that the camera of a `nominal.json` has; none where it names none.
+
+    Raises:
+        WithheldError: if the file is missing or no JSON object.
+    """
+    return frozenset(map(str, _table(path).get("has", ())))
+
+
+def _table(path: Path) -> Mapping[str, Any]:
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise refusal(FILE, "must be a readable JSON file", path, f"{error}.") from error
     if not isinstance(table, dict):
         raise refusal(FILE, "must be one object", path, "Write {...}.")
-    return from_table(table)
+    return table

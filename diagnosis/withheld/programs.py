@@ -43,6 +43,18 @@ def cycles(light: Path, out: Path, blender: Path) -> None:
     _run("diagnosis.cycles_light", [str(light), str(out), "--blender", str(blender)])
 
 
+def camera(out: Path, captures: Path, sensor: str) -> None:
+    """Write what is believed of the camera of captures.
+
+    Args:
+        out: Folder to make.
+        captures: Capture set.
+        sensor: Preset or sensor file.
+    """
+    asked = ["--captures", str(captures), "--sensor", sensor]
+    _run("diagnosis.captured_camera", [str(out), *asked])
+
+
 def depth(cases: Path, sensor: Path) -> None:
     """Match all infrared pairs of a folder of capture sets by Starling's matcher."""
     _run("diagnosis.own_depth", [str(cases), "--sensor", str(sensor)])
@@ -54,6 +66,7 @@ def diagnose(
     sensor: Path,
     cache: Path,
     *,
+    against: Path | None = None,
     without: Mapping[str, str] | None = None,
 ) -> None:
     """Diagnose a folder of capture sets.
@@ -63,9 +76,12 @@ def diagnose(
         out: Folder of verdicts.
         sensor: What the camera is believed to be.
         cache: Folder that keeps what effects do to the scenes.
+        against: Capture set that each is compared with; None: with simulation.
         without: By capture set, an effect that is taken from the diagnosis' table with its family.
     """
     arguments = [str(cases), str(out), "--sensor", str(sensor), "--cache", str(cache)]
+    if against is not None:
+        arguments += ["--against", str(against)]
     if without is not None:
         out.mkdir(parents=True, exist_ok=True)
         path = out / ".without"

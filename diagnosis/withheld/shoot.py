@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from diagnosis.withheld import chain, depth_filters, dots, light, nominal
+from diagnosis.withheld import capture_files, chain, depth_filters, dots, light, nominal
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.catalogue import Strengths
 from diagnosis.withheld.dots import Dots
@@ -59,14 +56,14 @@ def shoot(light_folder: Path, case: Case, out: Path, frames: int = 1) -> tuple[s
     found = Dots(tangents=np.empty((0, 2)))
     if any(strengths.acting(name) for name in _NEED_DOTS):
         found = dots.gather(_lights(scenes, camera), camera.fx_px)
-    _copy(light_folder, out, _OF_SET)
+    capture_files.copy(light_folder, out, _OF_SET)
     for folder, seen in zip(scenes, _lights(scenes, camera), strict=True):
-        _copy(folder, out / folder.name, _OF_SCENE)
+        capture_files.copy(folder, out / folder.name, _OF_SCENE)
         for frame in range(frames):
             draws = Draws(seed=case.seed, scene=folder.name, frame=frame)
             pair = chain.expose(seen, strengths, found, draws)
-            _write(out / folder.name / str(frame) / "ir_left.png", pair.left)
-            _write(out / folder.name / str(frame) / "ir_right.png", pair.right)
+            capture_files.write(out / folder.name / str(frame) / "ir_left.png", pair.left)
+            capture_files.write(out / folder.name / str(frame) / "ir_right.png", pair.right)
     return tuple(folder.name for folder in scenes)
 
 
@@ -94,26 +91,10 @@ def post(out: Path, case: Case, camera: Nominal) -> None:
             if depth_m is not before:
                 code = np.nan_to_num(np.rint(depth_m / captures.info.depth_unit_m))
                 code = np.where((code >= 1) & (code <= _LAST_CODE), code, 0).astype(np.uint16)
-                _write(scene.path / str(number) / "depth.png", code)
+                capture_files.write(scene.path / str(number) / "depth.png", code)
 
 
 def _lights(scenes: list[Path], camera: Nominal) -> Iterator[Light]:
     """Read one scene after the other, so that one at a time is held."""
     for folder in scenes:
         yield light.read(folder / light.FILE, camera.shape)
-
-
-def _copy(folder: Path, to: Path, names: tuple[str, ...]) -> None:
-    to.mkdir(parents=True, exist_ok=True)
-    for name in names:
-        if os.path.lexists(folder / name):
-            shutil.copyfile(folder / name, to / name)
-
-
-def _write(path: Path, image: np.ndarray) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    done, png = cv2.imencode(".png", image)
-    assert done  # Images of whole codes always can be.
-    part = path.with_name(f".{path.name}.part")
-    part.write_bytes(png.tobytes())
-    part.replace(path)

@@ -11,7 +11,7 @@ from diagnosis.withheld.case import CaseKind
 from diagnosis.withheld.catalogue import Kind
 from diagnosis.withheld.errors import refusal
 
-Source = Literal["starling", "cycles"]
+Source = Literal["starling", "cycles", "real"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -19,9 +19,9 @@ class Tier:
     """What a tier's cases are made of."""
 
     number: int
-    source: Source  # Renderer of the light.
-    matcher: Literal["starling", "own"]  # Whose depth the device has.
-    first: int  # Number of the first builtin scene; what rules were set on has others.
+    source: Source  # Renderer of the light, or real pairs, which have scenes and size of their own.
+    matcher: Literal["starling", "own", "none"]  # Whose depth the device has.
+    first: int = 0  # Number of the first builtin scene; what rules were set on has others.
     sets: int = 6  # Of scenes.
     scenes: int = 10  # Of a set; a quarter of them is locked away by the diagnosis.
     width: int = 424  # [px]
@@ -83,5 +83,15 @@ TIERS = {
         matcher="starling",
         first=4000,
         counts={"null": 20, "unknown": 90},
+    ),
+    4: Tier(
+        number=4,
+        source="real",
+        matcher="none",
+        scenes=8,
+        frames=1,
+        counts={"single": 24, "null": 20, "pair": 12, "unknown": 9},
+        left_out=15,
+        kinds=("image",),
     ),
 }

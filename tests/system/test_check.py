@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 import starling
-from diagnosis import batch, check_camera, detection, light_sets, named, own_depth
+from diagnosis import batch, captured_camera, check_camera, detection, light_sets, named, own_depth
 from diagnosis.which.candidates import candidates as all_candidates
 from diagnosis.withheld import __main__ as program
 from diagnosis.withheld import catalogue, check, programs, seal, tier
@@ -42,6 +42,7 @@ SMALL = tier.Tier(
 RUN = programs._run
 IN_PROCESS = {
     "diagnosis.light_sets": light_sets.main,
+    "diagnosis.captured_camera": captured_camera.main,
     "diagnosis.own_depth": own_depth.main,
     "diagnosis.batch": batch.main,
 }
@@ -145,10 +146,45 @@ def test_without_infrared_depth_alone_is_diagnosed(done, tmp_path):
     few = dataclasses.replace(SMALL, sets=1, counts={"null": 1}, left_out=0)
     bare = Check(out=tmp_path, tier=few, blender=Path("none"), jobs=1, infrared=False)
     (tmp_path / "set-0").mkdir()
-    (tmp_path / "set-0" / "light").symlink_to(one.sets[0].light)
+    (tmp_path / "set-0" / "light").symlink_to(one.sets[0].source.light)
     cases = bare.prepared()
     bare.diagnosed(cases)
     assert bare.scored(cases)["false_alarm"] == 0
+
+
+def test_effects_in_real_pairs_are_diagnosed_against_the_pairs(done, tmp_path):
+    """The pairs are of another seed's camera; nothing but pixels is known of them."""
+    one, _ = done
+    null = Case(number=0, kind="null", settings={}, seed=11)
+    from diagnosis.withheld import shoot
+
+    shoot.shoot(one.sets[0].source.light, null, tmp_path / "real", frames=1)
+    counts = {"single": 4, "null": 3, "unknown": 1}
+    pairs = tier.Tier(
+        **{"number": 4, "source": "real", "matcher": "none", "sets": 1, "scenes": 4},
+        **{"frames": 1, "counts": counts, "left_out": 1, "kinds": ("image",)},
+    )
+    asked = {"captures": tmp_path / "real", "sensor": str(one.sets[0].source.sensor)}
+    real = Check(out=tmp_path / "run", tier=pairs, blender=Path("none"), jobs=1, **asked)
+    cases = real.prepared()
+    assert {*TRIED} > {name for each in cases if each.kind == "single" for name in each.settings}
+    real.diagnosed(cases)
+    scores = real.scored(cases)
+    assert scores["tier"] == 4 and scores["false_alarm"] == 0
+    assert scores["top1"] >= 0.5
+
+
+def test_real_pairs_are_for_their_own_tier(tmp_path, capsys):
+    base = [str(tmp_path / "run"), "--tier", "4"]
+    assert program.main(base) == 1
+    assert "captures and sensor must be given for tier 4" in capsys.readouterr().err
+    asked = ["--captures", str(tmp_path / "none"), "--sensor", "d415"]
+    assert program.main([*base[:1], *asked]) == 1
+    assert "and for no other" in capsys.readouterr().err
+    assert program.main([*base, *asked, "--no-infrared"]) == 1
+    assert "must have infrared" in capsys.readouterr().err
+    assert captured_camera.main([str(tmp_path / "camera"), *asked]) == 1
+    assert "captures must be a folder" in capsys.readouterr().err
 
 
 def test_the_program_prints_scores(done, monkeypatch, capsys):
@@ -173,6 +209,9 @@ def test_the_verb_runs_the_program_elsewhere(monkeypatch):
     assert starling.main(["withheld", "--out", "x", "--cases", "2", "--no-infrared", "--json"]) == 3
     assert ran[0][1:4] == ["-m", "diagnosis.withheld", "x"]
     assert {"--cases", "2", "--no-infrared", "--json"} <= {*ran[0]}
+    given = ["--tier", "4", "--captures", "real", "--sensor", "d415"]
+    assert starling.main(["withheld", "--out", "x", *given]) == 3
+    assert {*given} <= {*ran[1]}
 
 
 def test_a_program_that_fails_is_refused_with_what_it_said(tmp_path, monkeypatch):
@@ -183,7 +222,7 @@ def test_a_program_that_fails_is_refused_with_what_it_said(tmp_path, monkeypatch
 
 def test_limits_are_departures_to_the_side_that_is_found_later(done):
     one, _ = done
-    camera = one.sets[0].camera
+    camera = one.sets[0].source.camera
     found = check.departures(
         {"gamma": [0.9, 1.3], "veil": [None, None], "sunlight": [None, 2], "median": [0, 5]}, camera
     )
@@ -198,8 +237,13 @@ def test_limits_are_told_by_the_diagnosis_itself(done, patched, capsys, tmp_path
     null = Case(number=0, kind="null", settings={}, seed=3)
     from diagnosis.withheld import shoot
 
-    shoot.shoot(one.sets[0].light, null, tmp_path / "null", frames=2)
-    flags = ["--sensor", str(one.sets[0].sensor), "--cache", str(one.sets[0].folder / "cache")]
+    shoot.shoot(one.sets[0].source.light, null, tmp_path / "null", frames=2)
+    flags = [
+        "--sensor",
+        str(one.sets[0].source.sensor),
+        "--cache",
+        str(one.sets[0].folder / "cache"),
+    ]
     assert detection.main([str(tmp_path / "null"), *flags]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["vignetting"][0] is None and 0 < told["vignetting"][1] < 3
@@ -213,11 +257,11 @@ def test_other_scenes_are_not_one_batch(done, tmp_path, capsys):
     from diagnosis.withheld import shoot
 
     for number, each in enumerate(one.sets):
-        shoot.shoot(each.light, null, tmp_path / "cases" / str(number), frames=1)
-    sensor = sensors.load(str(one.sets[0].sensor))
+        shoot.shoot(each.source.light, null, tmp_path / "cases" / str(number), frames=1)
+    sensor = sensors.load(str(one.sets[0].source.sensor))
     own_depth.write(tmp_path / "cases", sensor)
     assert capture.open_set(tmp_path / "cases" / "0").scenes[0].frame(0).depth_m is not None
-    flags = ["--sensor", str(one.sets[0].sensor)]
+    flags = ["--sensor", str(one.sets[0].source.sensor)]
     assert batch.main([str(tmp_path / "cases"), str(tmp_path / "out"), *flags]) == 1
     assert "same in all" in capsys.readouterr().err
     assert batch.main([str(tmp_path), str(tmp_path / "out"), *flags]) == 1

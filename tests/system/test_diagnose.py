@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import starling
-from diagnosis import light_sets, named, reading, subject
+from diagnosis import light_sets, named, own_depth, reading, subject
 from diagnosis.tell_apart import MENU, tell_apart
 from diagnosis.which.candidates import Arm
 from diagnosis.which.candidates import candidates as all_candidates
@@ -31,8 +31,9 @@ from sim.sensor_edits import with_values
 from tests.system.test_withheld import nominal
 
 SCENES = ("clutter:1", "clutter:2", "tabletop:3", "clutter:4")
-TRIED = ("gamma", "vignetting", "veil", "read_noise")
+TRIED = ("gamma", "vignetting", "veil", "read_noise", "pixel_locking")
 GAMMA = 1.3
+LOCKING_PX = 0.1
 
 
 def sensor() -> Sensor:
@@ -45,9 +46,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("diagnose")
     light_sets.write(folder / "light", SCENES, sensor())
     (folder / "sensor.toml").write_text(sensors.dumps(sensor()))
-    for name, settings in (("null", {}), ("bent", {"gamma": GAMMA})):
+    made = (("null", 7, {}), ("other", 8, {}), ("bent", 7, {"gamma": GAMMA}))
+    for name, seed, settings in made:
         kind = "single" if settings else "null"
-        one = case.Case(number=0, kind=kind, settings=settings, seed=7)
+        one = case.Case(number=0, kind=kind, settings=settings, seed=seed)
         shoot.shoot(folder / "light", one, folder / name, frames=2)
     return folder
 
@@ -120,6 +122,79 @@ def test_one_scene_says_what_it_cannot_tell(place, diagnosed):
     assert told["where"]["maps"] == []
 
 
+def test_a_capture_set_is_diagnosed_against_another(place, diagnosed):
+    told = diagnosed(place / "bent", "--against", str(place / "other"), "--fix")
+    assert told["verdict"] == "effects" and told["against"] == str(place / "other")
+    (found,) = told["effects"]
+    assert found["name"] == "gamma" and found["set"] == ["gamma"]
+    assert found["parameters"]["gamma"] == pytest.approx(GAMMA, abs=0.05)
+    assert list(told["howfar"]) == ["features of the image"]
+    features = told["howfar"]["features of the image"]
+    assert features["closed_pct"] > 50 and features["floor"] < features["after"] + 1
+    assert told["shares"] == {"gamma": pytest.approx(1)}
+    page = Path(told["report"]).read_text("utf-8")
+    assert "Two capture sets of the same scenes are compared" in page
+    assert "imulated, base" not in page and "in the other captures" in told["says"][0]
+
+
+@pytest.mark.parametrize("name", ["other", "null"])
+def test_against_another_capture_of_one_camera_there_is_no_gap(place, diagnosed, name):
+    told = diagnosed(place / "null", "--against", str(place / name))
+    assert told["verdict"] == "no gap" and told["effects"] == []
+
+
+def test_two_devices_matchers_are_compared(place, diagnosed, tmp_path):
+    """Their images differ by noise alone; one matcher pulls to whole pixels, the other does not."""
+    for name, locking_px in (("null", LOCKING_PX), ("other", 0.0)):
+        shutil.copytree(place / name, tmp_path / "sets" / name)
+        locked = with_values(sensor(), [("matcher.refinement.locking_px", locking_px)])
+        own_depth.write(tmp_path / "sets", locked)
+    told = diagnosed(tmp_path / "sets" / "null", "--against", str(tmp_path / "sets" / "other"))
+    assert [(one["name"], one["arm"]) for one in told["effects"]] == [("pixel_locking", "depth")]
+    value = told["effects"][0]["parameters"]["pixel_locking"]
+    assert value == pytest.approx(LOCKING_PX, abs=0.02)
+    assert told["where"]["parts"]["ndp_rate"]["base_device"] is not None
+
+
+def test_scenes_of_one_set_alone_are_left_aside(place, diagnosed, tmp_path):
+    fewer = tmp_path / "fewer"
+    shutil.copytree(place / "other", fewer)
+    shutil.rmtree(fewer / "clutter-2")
+    told = diagnosed(place / "null", "--against", str(fewer))
+    assert told["scenes"] == ["clutter-1", "clutter-4", "tabletop-3"]
+    assert any("left aside: clutter-2." in limit for limit in told["limits"])
+
+
+def refused_against(place: Path, other: Path, out: Path, capsys: Any) -> str:
+    flags = ["--sensor", str(place / "sensor.toml"), "--out", str(out), "--against", str(other)]
+    assert starling.main(["diagnose", str(place / "null"), *flags]) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert not out.exists()
+    return line
+
+
+def test_captures_that_cannot_be_compared_are_refused(place, tmp_path, capsys):
+    out, other = tmp_path / "out", tmp_path / "other"
+    shutil.copytree(place / "other", other)
+    info = other / "capture.toml"
+    text = info.read_text()
+    info.write_text(text.replace("baseline_m = ", "baseline_m = 1"))
+    assert "must be of one baseline_m" in refused_against(place, other, out, capsys)
+    info.write_text(text)
+    for scene in capture.open_set(other).scenes:
+        for number in scene.frames:
+            frame = scene.path / str(number)
+            (frame / "ir_left.png").rename(frame / "depth.png")
+            (frame / "ir_right.png").unlink()
+            code = cv2.imread(str(frame / "depth.png"), cv2.IMREAD_UNCHANGED)
+            cv2.imwrite(str(frame / "depth.png"), code.astype(np.uint16))
+    assert "both hold infrared pairs, or both depth" in refused_against(place, other, out, capsys)
+    for scene in capture.open_set(other).scenes:
+        scene.path.rename(scene.path.with_name(f"{scene.name}-again"))
+    assert "must have a scene in common" in refused_against(place, other, out, capsys)
+    assert "apart" in refused_against(place, place / "other", place / "other" / "x", capsys)
+
+
 def matched_all(scene: capture.CapturedScene) -> reading.Maps:
     """Disparity of every repeat by our matcher (n, h, w)."""
     frames = [scene.frame(number) for number in scene.frames]
@@ -144,6 +219,15 @@ def test_without_infrared_depth_alone_is_asked(place, diagnosed, tmp_path):
     told = diagnosed(bare)
     assert told["verdict"] == "no gap" and list(told["which"]) == ["whole"]
     assert any("No infrared" in limit for limit in told["limits"])
+    told = diagnosed(bare, "--against", str(bare))
+    assert told["verdict"] == "no gap" and list(told["which"]) == ["whole"]
+
+
+def test_a_residual_is_not_learnt_against_other_captures(place, tmp_path, capsys):
+    flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
+    other = ["--against", str(place / "bent"), "--residual"]
+    assert starling.main(["diagnose", str(place / "null"), *other, *flags]) == 1
+    assert "residual must be" in capsys.readouterr().err
 
 
 def test_captures_without_scenes_are_refused(place, tmp_path, capsys):

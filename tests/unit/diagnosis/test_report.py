@@ -125,6 +125,7 @@ def diagnosis(captured: list[Reading] | None = None, **others: Any) -> Diagnosis
     names = NAMES[: len(captured)]
     others = {
         "kind": "effects",
+        "against": None,
         "scenes": names,
         "locked": names[1:2],
         "limits": (),
@@ -182,8 +183,8 @@ def test_what_captures_are_called_is_never_read_as_html():
 def test_numbers_of_the_stage_swap_are_the_figures():
     read = Reader(page(FULL))
     rate = FULL.where.parts["ndp_rate"]
-    assert rate.device is not None and rate.image is not None
-    assert f"A simulated {100 * rate.simulated:.2f} %" in read.text
+    assert rate.device is not None and rate.base is not None and rate.image is not None
+    assert f"A simulated {100 * rate.base:.2f} %" in read.text
     assert f"C device {100 * rate.device:.2f} %" in read.text
     mean, low, high = (f"{100 * end:+.2f}" for end in rate.image)
     assert f"B less A: images {mean} [{low}, {high}] points" in read.text
@@ -332,7 +333,9 @@ def test_what_is_not_known_is_a_dash():
     unknown = np.full((maps.ROWS, maps.COLUMNS), NAN)
     blank = tuple(dataclasses.replace(one, mean=unknown, t=unknown) for one in FULL.where.maps)
     parts = {
-        "bias_px": swap.Part(simulated=NAN, rematched=None, device=None, image=None, matcher=None),
+        "bias_px": swap.Part(
+            base=NAN, base_device=None, rematched=None, device=None, image=None, matcher=None
+        ),
         "ndp_rate": FULL.where.parts["ndp_rate"],
     }
     row = dataclasses.replace(FULL.where.rows[0], share=NAN, low=NAN)
@@ -362,7 +365,7 @@ def test_the_printed_text_ends_with_the_report_s_place():
 class FakeSubject:
     """Simulates brighter with effects."""
 
-    name, real, ground = "attic", real()[0], GROUND
+    name, real, ground, against = "attic", real()[0], GROUND, None
 
     def simulate(self, settings: dict[str, float], *, seed: int) -> Reading:
         return pair_of(seed, 1.0 + len(settings), 0.02)

@@ -37,13 +37,13 @@ def readings(seed: int, ours: float, device: float | None) -> list[Reading]:
 def test_the_gap_is_parted_between_image_and_matcher():
     found = swap.swap(readings(0, 0.02, None), readings(100, 0.05, 0.11), [GROUND] * SCENES)
     rate = found["ndp_rate"]
-    assert rate.simulated == pytest.approx(0.02, abs=0.003)
+    assert rate.base == pytest.approx(0.02, abs=0.003)
     assert rate.image is not None and rate.matcher is not None
     assert rate.image[0] == pytest.approx(0.03, abs=0.004)
     assert rate.matcher[0] == pytest.approx(0.06, abs=0.004)
     assert rate.image[1] < 0.03 < rate.image[2]
     assert rate.image_share == pytest.approx(1 / 3, abs=0.05)
-    assert found["nmad_px"].simulated == pytest.approx(0.1, rel=0.05)
+    assert found["nmad_px"].base == pytest.approx(0.1, rel=0.05)
 
 
 def test_without_device_depth_or_infrared_a_part_is_missing():
@@ -53,6 +53,16 @@ def test_without_device_depth_or_infrared_a_part_is_missing():
     depth_only = [dataclasses.replace(one, ours_px=None) for one in readings(9, 0.05, 0.1)]
     found = swap.swap(readings(0, 0.02, None), depth_only, grounds)["ndp_rate"]
     assert found.rematched is None and found.image is None and found.device is not None
+
+
+def test_two_devices_are_compared_by_what_each_adds_to_our_matcher():
+    """Images lose 3 points, this device 4 more than ours, the other 1."""
+    grounds = [GROUND] * SCENES
+    found = swap.swap(readings(0, 0.02, 0.03), readings(100, 0.05, 0.09), grounds)["ndp_rate"]
+    assert found.image is not None and found.matcher is not None and found.base_device is not None
+    assert found.image[0] == pytest.approx(0.03, abs=0.004)
+    assert found.matcher[0] == pytest.approx(0.03, abs=0.004)
+    assert found.base_device == pytest.approx(0.03, abs=0.003)
 
 
 def holes(seed: int, where: np.ndarray | None = None) -> np.ndarray:

@@ -98,6 +98,15 @@ def test_other_kinds_of_effects_can_be_drawn(camera: Nominal) -> None:
         Strengths(nominal=camera, values=each.settings)
 
 
+def test_what_cannot_be_undone_is_drawn_upwards(camera: Nominal) -> None:
+    others = [row.name for row in ROWS.values() if row.name != "read_noise"]
+    rule = {"leave_out": others, "entropy": 3}
+    free = draw(camera, {"single": 40}, **rule)
+    bound = draw(camera, {"single": 40}, upwards=["read_noise"], **rule)
+    assert min(each.settings["read_noise"] for each in free) < camera.read_noise_e
+    assert min(each.settings["read_noise"] for each in bound) > camera.read_noise_e
+
+
 def test_the_system_draws_unless_told(camera: Nominal) -> None:
     assert draw(camera, {"null": 3}) != draw(camera, {"null": 3})
     assert draw(camera, COUNTS, entropy=3) == draw(camera, COUNTS, entropy=3)

@@ -52,9 +52,30 @@ def test_neutral_gives_the_very_images(name: str, real: Nominal) -> None:
     assert pair.left is image and pair.right is image
 
 
+def test_exposed_again_it_differs_as_two_readings_do(real: Nominal) -> None:
+    """Law: two readings of a scene differ by twice the variance that photon transfer says."""
+    image = _flat(real)
+    one, other = (
+        inject.inject(image, image, {}, real, seed=seed, exposed_again=True) for seed in (1, 2)
+    )
+    variance = 0.05 * 60 + 1.5**2 + 1 / 12
+    apart = one.left.astype(float) - other.left
+    assert apart.var() == pytest.approx(2 * variance, rel=0.05)
+    assert abs(np.corrcoef(apart.ravel(), (one.right - 1.0 * other.right).ravel())[0, 1]) < 0.03
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("lens_blur", 1.2), ("crosstalk", 0.3), ("vignetting", 3.0), ("roll", 0.3), ("veil", 0.1)],
+    [
+        ("lens_ghost", 0.3),
+        ("astigmatism", 2.0),
+        ("finger_print", 0.8),
+        ("lens_blur", 1.2),
+        ("crosstalk", 0.3),
+        ("vignetting", 3.0),
+        ("roll", 0.3),
+        ("veil", 0.1),
+    ],
 )
 def test_noise_stays_as_photon_transfer_has_it(name: str, value: float, real: Nominal) -> None:
     """Rationale: a lens blurs light and not noise; a picture that is blurred has less."""
@@ -123,6 +144,32 @@ def test_electronics_and_codes(real: Nominal) -> None:
     vignetted = _into(image, real, vignetting=4.0).left
     law = (1.0 + (74.5**2 + 49.5**2) / 120.0**2) ** -2
     assert vignetted[:5, :5].mean() - 10.0 == pytest.approx(60.0 * law, rel=0.1)
+
+
+def test_effects_outside_the_table(real: Nominal) -> None:
+    flat = np.full(SHAPE, 60, np.uint8)
+    quiet = dataclasses.replace(real, read_noise_e=0.0, shot_noise=0.0)
+
+    def of(image: np.ndarray = flat, **values: float) -> tuple[np.ndarray, np.ndarray]:
+        pair = _into(image, quiet, **values)
+        return pair.left.astype(float) - image, pair.right.astype(float) - image
+
+    spot = np.full(SHAPE, 10, np.uint8)
+    spot[20:26, 30:36] = 250
+    ghost, _ = of(spot, lens_ghost=0.3)
+    assert ghost[76, 117] > 20 and ghost[50, 75] == 0
+    rows = of(brightness_ramp=0.5)[0].mean(axis=1)
+    assert rows.max() == pytest.approx(25, abs=2) and rows.min() == pytest.approx(-25, abs=2)
+    smeared = [side.min() < -10 for side in of(finger_print=0.8)]
+    assert sorted(smeared) == [False, True]
+    wet = (of(column_rain=0.05)[0] > 20).any(axis=0)
+    assert 0 < wet.mean() < 0.15
+    noisy = _flat(real)
+    assert _into(noisy, real, block_compression=20.0).left.std() < 0.6 * noisy.std()
+    line = np.full(SHAPE, 10, np.uint8)
+    line[:, 20] = 250
+    blurred, _ = of(line, astigmatism=2.0)
+    assert blurred[50, 20] < -20 < 5 < blurred[50, 18:23].max()
 
 
 def test_decimation_makes_blocks(real: Nominal) -> None:

@@ -1,0 +1,75 @@
+"""The camera of captures for the check on withheld effects: a sensor file, and what it means there.
+
+    python -m diagnosis.captured_camera OUT --captures SET --sensor FILE
+
+Writes OUT/sensor.toml, with the captures' geometry, and OUT/nominal.json, which beside the camera
+names the effects that it has already.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from diagnosis.light_sets import NOMINAL, SENSOR, nominal
+from patterns.errors import InputError
+from sim import asked_sensor, capture, effects, sensors
+from sim.effects import setting
+from sim.output import OutputFolder
+from sim.scenes import builtin
+from sim.sensor import Sensor
+
+
+def write(out: Path, sensor: Sensor) -> None:
+    """Write what both sides of the check are told of a camera.
+
+    The light in real rooms is not known; it counts as none, as nothing is done to it.
+
+    Args:
+        out: folder to make.
+        sensor: with the captures' geometry.
+
+    Raises:
+        InputError: if the folder cannot be written.
+    """
+    told = {**nominal(sensor), "ambient_w_m2": 0.0, "has": _has(sensor)}
+    with OutputFolder(out) as folder:
+        folder.write(NOMINAL, json.dumps(told, indent=1).encode())
+        folder.write(SENSOR, sensors.dumps(sensor).encode())
+
+
+def _has(sensor: Sensor) -> list[str]:
+    """Effects that are not at their neutral."""
+    scene = builtin.clutter(0)  # Of the sensor's own effects none looks at it.
+    first = {row.name: row.parameters[0] for row in effects.table()}
+    return sorted(
+        name
+        for name, one in first.items()
+        if one.neutral is not None and setting.value(one, sensor, scene) not in (None, one.neutral)
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; 1 where something is refused."""
+    parser = argparse.ArgumentParser(
+        prog="python -m diagnosis.captured_camera",
+        description="Write the camera of captures for the check on withheld effects.",
+    )
+    parser.add_argument("out", type=Path, help="folder to make")
+    parser.add_argument("--captures", required=True, help="capture set, whose geometry counts")
+    parser.add_argument("--sensor", required=True, help="preset or sensor file of their camera")
+    asked = parser.parse_args(arguments)
+    try:
+        captures = capture.open_set(asked.captures).path
+        write(asked.out, asked_sensor.load(asked.sensor, captures=str(captures)))
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,164 @@
+"""Captures of a real camera, into whose infrared pairs effects are put.
+
+Cases are diagnosed against the same pairs without an effect. A real scene is captured once, and a
+copy that differs by nothing would tell nothing of false alarms. So both get the noise of one more
+exposure, each its own, as photon transfer has it: two captures of the very same camera and scene
+then differ by noise as two readings do, and by nothing else. That shows alarms at noise. It cannot
+show alarms at what changes between two real captures otherwise: light, warmth, a touched tripod.
+Both sides are noisier than the camera, by the root of two, and the real noise is common to them.
+
+The device's own depth does not follow what is done to an image, so captures hold infrared alone.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from diagnosis.withheld import capture_files, inject, nominal, programs
+from diagnosis.withheld.case import Case
+from diagnosis.withheld.catalogue import ROWS
+from diagnosis.withheld.errors import WithheldError, refusal
+from diagnosis.withheld.nominal import Nominal
+from diagnosis.withheld.readout import Codes
+from sim import capture
+from sim.capture import CapturedScene
+
+_LOT = 0x5EA1_0F_4EA1  # Where the lot of scenes starts, before the set's number.
+_WITHOUT = 0  # Seed of the pairs without effects: a scene's are the same in all sets.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RealPairs:
+    """Scenes of one set, drawn by a lot that is fixed by its number. See `source.Source`."""
+
+    folder: Path
+    number: int
+    scenes: int
+    captures: Path
+    believed: str  # Sensor file or preset of the captures' camera.
+
+    @property
+    def sensor(self) -> Path:
+        """What the camera is believed to be, with the captures' geometry."""
+        return self.folder / "camera" / programs.SENSOR
+
+    @property
+    def camera(self) -> Nominal:
+        """The same in this package's words."""
+        return nominal.read(self._nominal)
+
+    @property
+    def against(self) -> Path:
+        """The pairs without effects."""
+        return self.folder / "without effects"
+
+    @property
+    def cache(self) -> Path:
+        """One for all sets, as scenes are of several."""
+        return self.folder.parent / "cache"
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """Those that can be put into an image, but for what the camera has of them already.
+
+        How much a camera has is told of those alone whose neutral is one of its settings.
+        """
+        told = {row.name for row in ROWS.values() if isinstance(row.neutral, str)}
+        return inject.EFFECTS - (nominal.has(self._nominal) - told)
+
+    @property
+    def upwards(self) -> frozenset[str]:
+        """Those that cannot be taken out of an image."""
+        return inject.UPWARDS
+
+    @property
+    def _nominal(self) -> Path:
+        return self.folder / "camera" / nominal.FILE
+
+    def prepare(self) -> None:
+        """Write the camera and the pairs without effects, if they are not there.
+
+        Raises:
+            WithheldError: if there are too few scenes, or one is damaged or lacks an infrared pair.
+        """
+        if not self._nominal.exists():
+            programs.camera(self._nominal.parent, self.captures, self.believed)
+        if not self.against.exists():
+            part = self.folder / ".part"
+            shutil.rmtree(part, ignore_errors=True)
+            self._write({}, _WITHOUT, part)
+            part.rename(self.against)
+
+    def take(self, cases: Sequence[Case], out: Path) -> None:
+        """Put the effects of cases into the pairs.
+
+        Raises:
+            WithheldError: if a case's effects cannot be put into an image.
+        """
+        for one in cases:
+            self._write(one.settings, one.seed, out / one.name)
+
+    def _write(self, settings: Mapping[str, float], seed: int, out: Path) -> None:
+        camera = self.camera
+        capture_files.copy(self.captures, out, ("capture.toml",))
+        for scene in lot(capture.open_set(self.captures).scenes, self.scenes, self.number):
+            shutil.copytree(scene.path, out / scene.name, ignore=_frames)
+            left_dn, right_dn = _pair(scene)
+            pair = inject.inject(
+                left_dn,
+                right_dn,
+                settings,
+                camera,
+                seed=seed,
+                scene=scene.name,
+                exposed_again=True,
+            )
+            capture_files.write(out / scene.name / "0" / "ir_left.png", pair.left)
+            capture_files.write(out / scene.name / "0" / "ir_right.png", pair.right)
+
+
+def _pair(scene: CapturedScene) -> tuple[Codes, Codes]:
+    """The first infrared pair of a scene."""
+    try:
+        frame = scene.frame(scene.frames[0])
+    except capture.errors.InputError as error:
+        raise WithheldError(str(error)) from error
+    if frame.ir_left is None or frame.ir_right is None:
+        name = f"scene {scene.name}"
+        raise refusal(name, "must hold an infrared pair", scene.path, "Leave it out.")
+    return frame.ir_left, frame.ir_right
+
+
+def lot(scenes: Sequence[CapturedScene], count: int, number: int) -> list[CapturedScene]:
+    """Draw scenes, of as many rooms as there are before any room comes again.
+
+    Args:
+        scenes: Of a capture set.
+        count: How many are drawn.
+        number: Of the set; equal numbers draw alike.
+
+    Returns:
+        Scenes by name.
+
+    Raises:
+        WithheldError: if there are too few.
+    """
+    if len(scenes) < count:
+        raise refusal("captures", f"must hold {count} scenes", len(scenes), "Take more.")
+    rng = np.random.Generator(np.random.SFC64([_LOT, number]))
+    shuffled = [scenes[place] for place in rng.permutation(len(scenes))]
+    rooms: dict[str, list[CapturedScene]] = {}
+    for scene in shuffled:
+        rooms.setdefault(scene.room, []).append(scene)
+    place = {one.name: turn for of in rooms.values() for turn, one in enumerate(of)}
+    drawn = sorted(shuffled, key=lambda one: place[one.name])[:count]
+    return sorted(drawn, key=lambda one: one.name)
+
+
+def _frames(folder: str, names: list[str]) -> list[str]:
+    return [name for name in names if name.isdigit()]

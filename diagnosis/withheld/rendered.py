@@ -1,0 +1,91 @@
+"""Captures of rendered light: by this package's camera, with depth of a matcher."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from diagnosis.withheld import device, nominal, programs, shoot
+from diagnosis.withheld.case import Case
+from diagnosis.withheld.catalogue import ROWS
+from diagnosis.withheld.nominal import Nominal
+from diagnosis.withheld.tier import Tier
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Rendered:
+    """Builtin scenes of one set, and their light. See `source.Source`."""
+
+    folder: Path
+    number: int
+    tier: Tier
+    blender: Path  # Python with `bpy`, for light by Cycles.
+
+    @property
+    def light(self) -> Path:
+        """Folder of linear light."""
+        return self.folder / "light"
+
+    @property
+    def sensor(self) -> Path:
+        """What the camera is believed to be."""
+        return self._starlings / programs.SENSOR
+
+    @property
+    def camera(self) -> Nominal:
+        """The same in this package's words."""
+        return nominal.read(self.light / nominal.FILE)
+
+    @property
+    def against(self) -> None:
+        """None: simulation."""
+        return
+
+    @property
+    def cache(self) -> Path:
+        """One for the set, whose scenes are its own."""
+        return self.folder / "cache"
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """All of the table."""
+        return frozenset(ROWS)
+
+    @property
+    def upwards(self) -> frozenset[str]:
+        """None."""
+        return frozenset()
+
+    @property
+    def _starlings(self) -> Path:
+        cycles = self.tier.source == "cycles"
+        return self.folder / "light by Starling" if cycles else self.light
+
+    def prepare(self) -> None:
+        """Make the light, if it is not there.
+
+        Raises:
+            WithheldError: if a renderer fails.
+        """
+        if not self._starlings.exists():
+            names = self.tier.names(self.number)
+            programs.light(self._starlings, names, self.tier.width, self.tier.height)
+        if self._starlings != self.light:
+            programs.cycles(self._starlings, self.light, self.blender)
+
+    def take(self, cases: Sequence[Case], out: Path) -> None:
+        """Take infrared pairs of cases, and depth.
+
+        Raises:
+            WithheldError: if a program fails or a case cannot be taken.
+        """
+        camera = self.camera
+        for one in cases:
+            shoot.shoot(self.light, one, out / one.name, frames=self.tier.frames)
+            if self.tier.matcher == "own":
+                device.measure(out / one.name, one, camera)
+        if self.tier.matcher == "starling":
+            programs.depth(out, self.sensor)
+        for one in cases:
+            shoot.post(out / one.name, one, camera)

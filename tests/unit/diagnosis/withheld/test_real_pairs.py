@@ -1,0 +1,101 @@
+"""Effects in real pairs as a source of cases; the pairs here are made up."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.withheld import capture_files, programs
+from diagnosis.withheld.case import Case
+from diagnosis.withheld.errors import WithheldError
+from diagnosis.withheld.real_pairs import RealPairs, lot
+from sim import capture
+from tests.unit.diagnosis.withheld.conftest import CAPTURE, HEIGHT, TABLE, WIDTH
+
+ROOMS = ("a", "a", "a", "b", "b", "c", "d")
+
+
+@pytest.fixture
+def captures(tmp_path: Path) -> Path:
+    folder, rng = tmp_path / "real", np.random.default_rng(3)
+    for number, room in enumerate(ROOMS):
+        frame = folder / f"s{number}" / "0"
+        for name in ("ir_left.png", "ir_right.png"):
+            image = rng.integers(20, 90, (HEIGHT, WIDTH)).astype(np.uint8)
+            capture_files.write(frame / name, image)
+        capture_files.write(frame / "depth.png", np.full((HEIGHT, WIDTH), 900, np.uint16))
+        capture_files.write(frame.parent / "truth.png", np.full((HEIGHT, WIDTH), 900, np.uint16))
+        (frame.parent / "room").write_text(room)
+    (folder / "capture.toml").write_text(CAPTURE)
+    return folder
+
+
+@pytest.fixture
+def pairs(captures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RealPairs:
+    def camera(out: Path, *_: object) -> None:
+        out.mkdir(parents=True)
+        has = ["vignetting", "read_noise", "gamma"]
+        (out / "nominal.json").write_text(json.dumps({**TABLE, "has": has}))
+
+    monkeypatch.setattr(programs, "camera", camera)
+    folder = tmp_path / "set-0"
+    return RealPairs(folder=folder, number=0, scenes=4, captures=captures, believed="any")
+
+
+def test_rooms_come_once_before_any_comes_again(captures: Path) -> None:
+    scenes = capture.open_set(captures).scenes
+    drawn = [lot(scenes, 4, number) for number in range(6)]
+    assert all({one.room for one in some} == {*"abcd"} for some in drawn)
+    assert len({tuple(one.name for one in some) for some in drawn}) > 2
+    assert [one.name for one in lot(scenes, 4, 2)] == [one.name for one in drawn[2]]
+    assert sorted(one.room for one in lot(scenes, 6, 0)) == [*"aabbcd"]
+    with pytest.raises(WithheldError, match="captures must hold 8 scenes; got 7"):
+        lot(scenes, 8, 0)
+
+
+def test_cases_hold_infrared_alone_and_tell_nothing(pairs: RealPairs, tmp_path: Path) -> None:
+    pairs.prepare()
+    pairs.take([Case(number=7, kind="single", settings={"black_level": 14.0}, seed=5)], tmp_path)
+    one, other = (capture.open_set(path) for path in (tmp_path / "007", pairs.against))
+    assert [scene.name for scene in one.scenes] == [scene.name for scene in other.scenes]
+    for scene, beside in zip(one.scenes, other.scenes, strict=True):
+        names = sorted(path.name for path in scene.path.rglob("*"))
+        assert names == ["0", "ir_left.png", "ir_right.png", "room", "truth.png"]
+        lifted, plain = scene.frame(0).ir_left, beside.frame(0).ir_left
+        assert lifted is not None and plain is not None
+        assert lifted.mean() - plain.mean() == pytest.approx(10, abs=0.3)
+
+
+def test_a_null_differs_by_noise(pairs: RealPairs, tmp_path: Path) -> None:
+    pairs.prepare()
+    pairs.take([Case(number=1, kind="null", seed=5)], tmp_path)
+    name = capture.open_set(pairs.against).scenes[0].name
+    one, other = (
+        capture.open_set(path).scenes[0].frame(0).ir_right
+        for path in (tmp_path / "001", pairs.against)
+    )
+    assert one is not None and other is not None and name in str(pairs.against / name)
+    apart = one.astype(float) - other
+    assert abs(apart.mean()) < 0.1 and 1 < apart.std() < 3
+
+
+def test_what_the_camera_has_is_drawn_only_where_it_is_told_how_much(pairs: RealPairs) -> None:
+    pairs.prepare()
+    assert {"read_noise", "veil"} <= pairs.effects
+    assert not {"vignetting", "gamma", "ambient", "body_offset"} & pairs.effects
+    assert pairs.upwards == {"lens_blur", "read_noise"}
+
+
+def test_scenes_without_a_pair_are_refused(pairs: RealPairs, captures: Path) -> None:
+    for path in captures.glob("*/0/ir_right.png"):
+        path.unlink()
+    with pytest.raises(WithheldError, match="must hold an infrared pair"):
+        pairs.prepare()
+    for path in captures.glob("*/0/ir_left.png"):
+        path.write_bytes(b"no picture")
+    with pytest.raises(WithheldError, match="ir_left"):
+        pairs.prepare()
+    assert not pairs.against.exists()
