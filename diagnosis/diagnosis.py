@@ -18,7 +18,7 @@ from diagnosis.where import where
 from diagnosis.where.where import Where
 from diagnosis.which.arm import Found
 from diagnosis.which.candidates import Arm
-from patterns.errors import InputError
+from patterns.errors import InputError, refuse
 from sim import progress
 from sim.capture import CaptureSet
 from sim.effects.effect import Value
