@@ -17,7 +17,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from diagnosis import crew, named
+from diagnosis import crew, named, program
 from diagnosis.reading import Reading, read
 from diagnosis.report import figures
 from diagnosis.scene_pairs import scene_pairs
@@ -26,7 +26,7 @@ from diagnosis.which import rivals
 from diagnosis.which.arm import Found, Screen
 from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm
-from patterns.errors import InputError, refuse
+from patterns.errors import refuse
 from sim import capture, effects, output, progress, record, sensors
 from sim.capture import CapturedScene, CaptureSet
 from sim.sensor import Sensor
@@ -58,9 +58,7 @@ def diagnose(
         InputError: if there is no capture set, one is damaged or shows other scenes than the first,
             or an effect is not known.
     """
-    folders = sorted(path.parent for path in cases.glob("*/capture.toml"))
-    if not folders:
-        raise refuse("cases", "must hold capture sets", cases, "Take captures first.")
+    folders = program.capture_sets(cases)
     if without is not None:
         folders = [folder for folder in folders if folder.name in without]
     todo = [folder for folder in folders if not (out / f"{folder.name}.json").exists()]
@@ -91,7 +89,7 @@ def diagnose(
             "effects": sorted(figures.effects(found.arms), key=lambda one: -one["gain"]),
             "left": {arm.bench.arm.value: arm.search.after for arm in found.arms},
             "howfar": figures.howfar(found.howfar),
-            "baselines": _baselines(found.arms[:1], seed=number),
+            "baselines": _baselines(found.arms[0], seed=number) if found.arms else {},
             "seconds": round(time.perf_counter() - begun, 3),
         }
         output.write_file(out / f"{folder.name}.json", record.dumps(figures.plain(told)).encode())
@@ -124,17 +122,14 @@ def _families(left_out: str | None) -> list[str] | None:
     return sorted({row.family for row in effects.table()} - {gone})
 
 
-def _baselines(arms: Sequence[Found], *, seed: int) -> dict[str, str | None]:
+def _baselines(arm: Found, *, seed: int) -> dict[str, str | None]:
     """What simpler ways name, from the images where there are any."""
-    found: dict[str, str | None] = {}
-    for arm in arms:
-        rough = arm.screen.rough
-        found = {
-            "largest_drop": rivals.largest_drop(rough, arm.likelihood),
-            "cosine": rivals.nearest(rough, arm.likelihood),
-            "random": rivals.by_lot(rough, seed=seed),
-        }
-    return found
+    rough = arm.screen.rough
+    return {
+        "largest_drop": rivals.largest_drop(rough, arm.likelihood),
+        "cosine": rivals.nearest(rough, arm.likelihood),
+        "random": rivals.by_lot(rough, seed=seed),
+    }
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -155,21 +150,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     asked = parser.parse_args(arguments)
     crew.alone()
-    try:
-        with progress.on_stderr() as tell:
-            diagnose(
-                asked.cases,
-                asked.out,
-                sensors.load(asked.sensor),
-                against=None if asked.against is None else capture.open_set(asked.against),
-                cache=asked.cache,
-                without=None if asked.without is None else json.loads(asked.without.read_text()),
-                tell=tell,
-            )
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 1
-    return 0
+    return program.run(
+        lambda tell: diagnose(
+            asked.cases,
+            asked.out,
+            sensors.load(asked.sensor),
+            against=None if asked.against is None else capture.open_set(asked.against),
+            cache=asked.cache,
+            without=None if asked.without is None else json.loads(asked.without.read_text()),
+            tell=tell,
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -14,9 +14,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from diagnosis import program
 from diagnosis.light_sets import NOMINAL, SENSOR, nominal
-from patterns.errors import InputError
-from sim import asked_sensor, capture, effects, sensors
+from sim import asked_sensor, capture, effects, progress, sensors
 from sim.effects import setting
 from sim.output import OutputFolder
 from sim.scenes import builtin
@@ -62,13 +62,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--captures", required=True, help="capture set, whose geometry counts")
     parser.add_argument("--sensor", required=True, help="preset or sensor file of their camera")
     asked = parser.parse_args(arguments)
-    try:
+
+    def work(_: progress.Progress) -> None:
         captures = capture.open_set(asked.captures).path
         write(asked.out, asked_sensor.load(asked.sensor, captures=str(captures)))
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 1
-    return 0
+
+    return program.run(work)
 
 
 if __name__ == "__main__":

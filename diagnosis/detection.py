@@ -17,13 +17,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis import crew, named
+from diagnosis import crew, named, program
 from diagnosis.subject import subject
 from diagnosis.which.arm import Screen
 from diagnosis.which.candidates import Arm
 from diagnosis.which.fit import fit, places
 from diagnosis.which.signature import Signature
-from patterns.errors import InputError
 from sim import capture, progress, sensors
 from sim.effects.effect import Value
 from sim.sensor import Sensor
@@ -99,14 +98,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--cache", type=Path, help="folder that keeps what is simulated")
     asked = parser.parse_args(arguments)
     crew.alone()
-    try:
-        with progress.on_stderr() as tell:
-            found = limits(asked.captures, sensors.load(asked.sensor), cache=asked.cache, tell=tell)
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 1
-    print(json.dumps(found, indent=1))
-    return 0
+
+    def work(tell: progress.Progress) -> None:
+        found = limits(asked.captures, sensors.load(asked.sensor), cache=asked.cache, tell=tell)
+        print(json.dumps(found, indent=1))
+
+    return program.run(work)
 
 
 if __name__ == "__main__":

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis import check_camera, projector_frame
-from patterns.errors import InputError, refuse
+from diagnosis import check_camera, program, projector_frame
+from patterns.errors import refuse
 from sim import capture_info, capture_writer, png, progress, scenes, sensors, simulate
 from sim.effects import setting
 from sim.imager import electrons_per_radiance
@@ -169,14 +169,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--width", type=int, default=640, help="default: %(default)s")
     parser.add_argument("--height", type=int, default=360, help="default: %(default)s")
     asked = parser.parse_args(arguments)
-    try:
-        with progress.on_stderr() as tell:
-            sensor = check_camera.camera(asked.width, asked.height)
-            write(asked.out, asked.scenes, sensor, tell=tell)
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 1
-    return 0
+
+    def work(tell: progress.Progress) -> None:
+        sensor = check_camera.camera(asked.width, asked.height)
+        write(asked.out, asked.scenes, sensor, tell=tell)
+
+    return program.run(work)
 
 
 if __name__ == "__main__":

@@ -15,11 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from diagnosis import crew
+from diagnosis import crew, program
 from diagnosis.reading import measured
-from patterns.errors import InputError, refuse
+from patterns.errors import refuse
 from sim import capture, output, png, progress, sensors
 from sim.capture import CapturedScene
+from sim.depth import to_code
 from sim.sensor import Sensor
 
 DEPTH = "depth.png"
@@ -36,10 +37,7 @@ def write(cases: Path, sensor: Sensor, *, tell: progress.Progress = progress.sil
     Raises:
         InputError: if there is no capture set or one is damaged.
     """
-    folders = sorted(path.parent for path in cases.glob("*/capture.toml"))
-    if not folders:
-        raise refuse("cases", "must hold capture sets", cases, "Take captures first.")
-    for folder in tell(folders, "depth"):
+    for folder in tell(program.capture_sets(cases), "depth"):
         for scene in capture.open_set(folder).scenes:
             for number in scene.frames:
                 path = scene.path / str(number) / DEPTH
@@ -53,8 +51,7 @@ def _codes(scene: CapturedScene, number: int, sensor: Sensor) -> np.ndarray:
         raise refuse("capture", "must be an infrared pair", scene.path, "Take it again.")
     (disparity_px,) = measured(frame.ir_left[None], frame.ir_right[None], sensor)
     depth_m = scene.info.fx_px * scene.info.baseline_m / disparity_px
-    code = np.nan_to_num(np.rint(depth_m / scene.info.depth_unit_m))
-    return np.where(code <= np.iinfo(np.uint16).max, code, 0).astype(np.uint16)
+    return to_code(depth_m, scene.info.depth_unit_m)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -66,13 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sensor", required=True, help="preset or sensor file of all of them")
     asked = parser.parse_args(arguments)
     crew.alone()
-    try:
-        with progress.on_stderr() as tell:
-            write(asked.cases, sensors.load(asked.sensor), tell=tell)
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 1
-    return 0
+    return program.run(lambda tell: write(asked.cases, sensors.load(asked.sensor), tell=tell))
 
 
 if __name__ == "__main__":

@@ -8,12 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.withheld import matcher
+from diagnosis.withheld import capture_files, matcher
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.nominal import Nominal
 
 UNIT_M = 0.001
-_LAST_CODE = 65535
 _PAIR = ("ir_left.png", "ir_right.png")
 
 
@@ -32,10 +31,7 @@ def measure(captures: Path, case: Case, camera: Nominal) -> None:
     for left in sorted(captures.glob("*/*/ir_left.png")):
         ir_left, ir_right = (_image(left.with_name(name)) for name in _PAIR)
         depth_m = matcher.depth(ir_left, ir_right, camera, settings=settings)
-        code = np.nan_to_num(np.rint(depth_m / UNIT_M))
-        code = np.where(code <= _LAST_CODE, code, 0).astype(np.uint16)
-        done = cv2.imwrite(str(left.with_name("depth.png")), code)
-        assert done
+        capture_files.write_depth(left.with_name("depth.png"), depth_m, UNIT_M)
 
 
 def _image(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:

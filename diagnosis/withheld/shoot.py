@@ -19,7 +19,6 @@ from sim import capture
 
 _OF_SET = ("capture.toml",)
 _OF_SCENE = ("capture.toml", "truth.png", "room", "scene.toml")
-_LAST_CODE = 65535
 _NEED_DOTS = ("dropped_dots", "shifted_dots")
 
 
@@ -89,9 +88,8 @@ def post(out: Path, case: Case, camera: Nominal) -> None:
         processed = depth_filters.process(maps, strengths)
         for number, before, depth_m in zip(matched, maps, processed, strict=True):
             if depth_m is not before:
-                code = np.nan_to_num(np.rint(depth_m / captures.info.depth_unit_m))
-                code = np.where((code >= 1) & (code <= _LAST_CODE), code, 0).astype(np.uint16)
-                capture_files.write(scene.path / str(number) / "depth.png", code)
+                path = scene.path / str(number) / "depth.png"
+                capture_files.write_depth(path, depth_m, captures.info.depth_unit_m)
 
 
 def _lights(scenes: list[Path], camera: Nominal) -> Iterator[Light]:
