@@ -72,6 +72,7 @@ def withheld(
     tier: Literal[1, 2, 3, 4] = 1,
     cases: int | None = None,
     no_infrared: bool = False,
+    power: bool = False,
     jobs: int = 2,
     blender: Path = Path(".blender/bin/python"),
     captures: Path | None = None,
@@ -90,6 +91,7 @@ def withheld(
             effects outside the table; 4: effects put into real infrared pairs.
         cases: with a single effect, the other cases in proportion; else the tier's own number.
         no_infrared: let captures be depth alone.
+        power: ask instead how strong six effects have to be; cases: of each of six levels.
         jobs: sets of scenes at once, a core each.
         blender: Python with bpy (see tools/blender.sh), for tier 2.
         captures: capture set of a real camera, for tier 4.
@@ -101,6 +103,7 @@ def withheld(
     flags = [
         *(["--cases", str(cases)] if cases is not None else []),
         *(["--no-infrared"] if no_infrared else []),
+        *(["--power"] if power else []),
         *(["--captures", str(captures)] if captures is not None else []),
         *(["--sensor", sensor] if sensor is not None else []),
         *(["--json"] if common.json else []),

@@ -1,6 +1,6 @@
 """Check what the diagnosis finds of effects that are withheld from it.
 
-    python -m diagnosis.withheld OUT [--tier 1] [--cases N] [--no-infrared]
+    python -m diagnosis.withheld OUT [--tier 1] [--cases N] [--no-infrared] [--power]
     python -m diagnosis.withheld OUT --tier 4 --captures SET --sensor FILE [--cases N]
 
 Everything is kept in OUT: a run that was stopped goes on where it was. The last line that is
@@ -27,8 +27,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m diagnosis.withheld", description=__doc__)
     parser.add_argument("out", type=Path, help="folder of the run, new or begun before")
     parser.add_argument("--tier", type=int, choices=sorted(TIERS), default=1)
-    parser.add_argument("--cases", type=int, help="singles; the others in proportion")
+    parser.add_argument("--cases", type=int, help="singles, or of a level of power")
     parser.add_argument("--no-infrared", action="store_true", help="captures of depth alone")
+    parser.add_argument("--power", action="store_true", help="how strong effects have to be")
     parser.add_argument("--jobs", type=int, default=2, help="sets of scenes at once")
     parser.add_argument("--blender", type=Path, default=Path(".blender/bin/python"))
     parser.add_argument("--captures", type=Path, help="real capture set, for tier 4")
@@ -44,18 +45,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
             captures=asked.captures,
             sensor=asked.sensor,
             infrared=not asked.no_infrared,
+            power=asked.power,
             jobs=asked.jobs,
         )
         cases = check.prepared(asked.cases)
-        print((asked.out / seal.SEAL).read_text(encoding="ascii").strip(), file=sys.stderr)
+        print((check.place / seal.SEAL).read_text(encoding="ascii").strip(), file=sys.stderr)
         check.diagnosed(cases, asked.cases)
         scores = check.scored(cases, asked.cases)
     except WithheldError as error:
         print(error, file=sys.stderr)
         return 1
     scores["wall_seconds"] = round(time.perf_counter() - begun, 1)
-    (asked.out / "scores.json").write_text(json.dumps(scores, indent=1), encoding="utf-8")
-    print(json.dumps(scores) if asked.json else score_table.text(scores))
+    (check.place / "scores.json").write_text(json.dumps(scores, indent=1), encoding="utf-8")
+    table = score_table.power(scores["power"]) if asked.power else score_table.text(scores)
+    print(json.dumps(scores) if asked.json else table)
     return 0
 
 

@@ -17,7 +17,7 @@ from diagnosis.withheld.nominal import Nominal
 
 CaseKind = Literal["null", "single", "pair", "unknown"]
 _KINDS: tuple[CaseKind, ...] = get_args(CaseKind)
-_SEED_BITS = 62
+SEED_BITS = 62
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -117,8 +117,8 @@ class _Lot:
 
     def sides(self, row: Row) -> list[int]:
         """Signs to which the camera leaves room for a departure."""
-        signs = [s for s in row.signs if s > 0 or row.name not in self.upwards]
-        return [s for s in signs if row.reach(self.nominal, s) >= self.low(row)]
+        signs = row.sides(self.nominal, self.low(row))
+        return [sign for sign in signs if sign > 0 or row.name not in self.upwards]
 
     def able(self, rows: Iterable[Row]) -> list[Row]:
         """Those of the effects that this camera can show."""
@@ -147,7 +147,7 @@ class _Lot:
         return row.value(self.nominal, departure, sign)
 
     def seed(self) -> int:
-        return int(self.rng.integers(0, 2**_SEED_BITS))
+        return int(self.rng.integers(0, 2**SEED_BITS))
 
 
 def dumps(cases: Sequence[Case]) -> str:

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from diagnosis.withheld import case, score, seal
+from diagnosis.withheld import case, limits, power, score, seal
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.errors import refusal
-from diagnosis.withheld.nominal import Nominal
 from diagnosis.withheld.real_pairs import RealPairs
 from diagnosis.withheld.rendered import Rendered
 from diagnosis.withheld.scene_set import SceneSet
 from diagnosis.withheld.source import Source
 from diagnosis.withheld.tier import Tier
 
-# Values below and above the base from which on half of the readings are found, by effect, on scenes
-# of development alone: `python -m diagnosis.detection`.
-LIMITS = Path(__file__).with_name("detection.json")
 # The diagnosis does not try them: they show in repeats alone, or change the image's size.
 NOT_TRIED = ("decimation", "temporal_filter")
 
@@ -38,6 +33,7 @@ class Check:
     captures: Path | None = None  # Of a real camera, for a tier of real pairs.
     sensor: str | None = None  # Preset or sensor file of that camera.
     infrared: bool = True
+    power: bool = False  # Ask how strong effects must be, of cases of their own.
     jobs: int = 2  # Sets of scenes at once, each in a process; one alone stays in this process.
 
     def __post_init__(self) -> None:
@@ -48,13 +44,15 @@ class Check:
             raise refusal("captures and sensor", rule, got, "Real pairs are a real camera's.")
         if self._real and not self.infrared:
             raise refusal("tier 4", "must have infrared", "none", "It has no depth of its own.")
+        if self._real and self.power:
+            raise refusal("power", "must be asked of rendered light", "tier 4", "Ask tier 1.")
 
     @property
     def sets(self) -> list[SceneSet]:
         """The scene sets."""
         return [
             SceneSet(
-                folder=self.out / f"set-{number}",
+                folder=self.place / f"set-{number}",
                 number=number,
                 source=self._source(number),
                 infrared=self.infrared,
@@ -79,34 +77,30 @@ class Check:
         )
 
     @property
+    def place(self) -> Path:
+        """Folder of this run's truth and verdicts; light and signatures serve all runs in `out`."""
+        return self.out / "power" if self.power else self.out
+
+    @property
     def hidden(self) -> Path:
         """Folder of the truth, which no program is told of."""
-        return self.out / "hidden"
+        return self.place / "hidden"
 
     def prepared(self, singles: int | None = None) -> tuple[Case, ...]:
         """Make what captures need, draw the cases and seal the truth, or take up what was sealed.
 
         Args:
-            singles: How many, instead of the tier's own number; the rest in proportion.
+            singles: How many, instead of the tier's own number; the rest in proportion. For power
+                how many of each effect and level.
 
         Raises:
-            WithheldError: if a renderer fails or the truth is not what was sealed.
+            WithheldError: if a renderer fails, the truth is not what was sealed, or the detection
+                limits cannot be read.
         """
         self._each(_prepare, [(one,) for one in self.sets])
         if not (self.hidden / seal.TRUTH).exists():
-            counts, _ = self.tier.drawn(singles)
-            source = self.sets[0].source
-            camera = source.camera
-            drawn = case.draw(
-                camera,
-                counts,
-                limits=departures(json.loads(LIMITS.read_text(encoding="utf-8")), camera),
-                kinds=self.tier.kinds,
-                leave_out={*NOT_TRIED, *(ROWS.keys() - source.effects)},
-                upwards=source.upwards,
-            )
-            seal.seal(drawn, self.hidden, self.out)
-        return seal.verify(self.hidden, self.out)
+            seal.seal(self._drawn(singles), self.hidden, self.place)
+        return seal.verify(self.hidden, self.place)
 
     def diagnosed(self, cases: Sequence[Case], singles: int | None = None) -> None:
         """Have all cases diagnosed that are not yet.
@@ -142,16 +136,36 @@ class Check:
         for one in self.sets:
             answered += one.answered(self._of(cases, one.number))
             again += one.answered(self._of(left_out, one.number), left_out=True)
-        path = self.out / "opened"
+        path = self.place / "opened"
         opened = len(path.read_text(encoding="utf-8").splitlines()) + 1 if path.exists() else 1
         with path.open("a", encoding="utf-8") as file:
             file.write(f"{opened}: {len(answered)} and {len(again)} verdicts\n")
-        told = score.score(
-            answered, self.sets[0].source.camera, tier=self.tier.number, left_out=again
-        )
+        camera = self.sets[0].source.camera
+        if self.power:
+            told = {"tier": self.tier.number, "power": power.curves(answered, camera)}
+        else:
+            told = score.score(answered, camera, tier=self.tier.number, left_out=again)
         return {**told, "infrared": self.infrared, "opened": opened}
 
+    def _drawn(self, singles: int | None) -> tuple[Case, ...]:
+        source = self.sets[0].source
+        camera = source.camera
+        least = limits.read(camera)
+        if self.power:
+            return power.draw(camera, least, self.tier.sets, each=singles)
+        counts, _ = self.tier.drawn(singles)
+        return case.draw(
+            camera,
+            counts,
+            limits=least,
+            kinds=self.tier.kinds,
+            leave_out={*NOT_TRIED, *(ROWS.keys() - source.effects)},
+            upwards=source.upwards,
+        )
+
     def _left_out(self, cases: Sequence[Case], singles: int | None) -> list[Case]:
+        if self.power:
+            return []
         _, count = self.tier.drawn(singles)
         return [one for one in cases if one.kind == "single"][:count]
 
@@ -167,30 +181,6 @@ class Check:
         with ProcessPoolExecutor(self.jobs, mp_context=context) as pool:
             for done in [pool.submit(work, *each) for each in arguments]:
                 done.result()
-
-
-def departures(limits: Mapping[str, Sequence[Any]], camera: Nominal) -> dict[str, float]:
-    """Least departure that is found, by effect: to the side where it is found later.
-
-    Args:
-        limits: By name of a candidate, values below and above the base, None where none is found.
-        camera: Gives the neutrals.
-
-    Raises:
-        WithheldError: if the table is damaged.
-    """
-    found = {}
-    for name, sides in limits.items():
-        row = ROWS.get(name)
-        if row is None or row.scale == "choice":
-            continue
-        known = [side for side in sides if side is not None]
-        if not all(isinstance(side, int | float) for side in known):
-            raise refusal(f"limit of {name}", "must be numbers", sides, "Make the table again.")
-        found[name] = max(
-            (row.departure(camera, float(side)) for side in known), default=float("inf")
-        )
-    return found
 
 
 def _prepare(of: SceneSet) -> None:

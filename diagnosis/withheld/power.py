@@ -2,55 +2,129 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from diagnosis.withheld.answered import Answered
+from diagnosis.withheld.case import SEED_BITS, Case
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.figure import figure
 from diagnosis.withheld.nominal import Nominal
 
+EFFECTS = (
+    "ambient",
+    "dropped_dots",
+    "lens_blur",
+    "vertical_offset",
+    "read_noise",
+    "pixel_locking",
+)  # One of scene, projector, optics, geometry, imager and filters.
+LEVELS = 6
+_WEAKEST, _STRONGEST = 0.25, 8.0  # Times the detection limit.
 
-def curves(
-    answered: Sequence[Answered], nominal: Nominal, levels: Mapping[str, Sequence[float]]
-) -> dict[str, list[dict[str, Any]]]:
+
+def levels(camera: Nominal, limits: Mapping[str, float]) -> dict[str, list[float]]:
+    """Departures that effects are asked at: as many below their detection limit as above, or more.
+
+    Args:
+        camera: Gives the neutrals and the room there is.
+        limits: Least departure that is found, by effect; else the table's low end.
+
+    Returns:
+        By effect, departures in geometric steps; none of an effect that this camera cannot show.
+    """
+    found = {}
+    for name in EFFECTS:
+        row = ROWS[name]
+        limit = limits.get(name, row.low)
+        most = min(_STRONGEST * limit, max(row.reach(camera, sign) for sign in row.signs))
+        if row.acts(camera) and most >= limit:
+            found[name] = [float(at) for at in np.geomspace(_WEAKEST * limit, most, LEVELS)]
+    return found
+
+
+def draw(
+    camera: Nominal,
+    limits: Mapping[str, float],
+    sets: int,
+    *,
+    each: int | None = None,
+    entropy: int | None = None,
+) -> tuple[Case, ...]:
+    """Draw cases by lot: of every effect and level as many, dealt to the sets in turn.
+
+    Args:
+        camera: The camera.
+        limits: As for `levels`.
+        sets: How many sets of scenes there are; a case's number tells its set.
+        each: Cases of a level; one in each set by default.
+        entropy: Where the lot starts; by default the system's own randomness.
+
+    Raises:
+        WithheldError: if `each` is below 1, or no effect can be found.
+    """
+    count = sets if each is None else each
+    asked = levels(camera, limits)
+    if count < 1:
+        raise refusal("cases", "must be >= 1", count, "Give how many of each level.")
+    if not asked:
+        raise refusal("power", "must have effects that can be found", "none", "Check the limits.")
+    if entropy is None:
+        entropy = int.from_bytes(os.urandom(16), "big")
+    rng = np.random.Generator(np.random.SFC64(entropy))
+    dealt: list[list[dict[str, float]]] = [[] for _ in range(sets)]
+    for name, departures in asked.items():
+        row = ROWS[name]
+        for level, departure in enumerate(departures):
+            for number in range(count):
+                sign = int(rng.choice(row.sides(camera, departure)))
+                settings = {name: row.value(camera, departure, sign)}
+                dealt[(number + level) % sets].append(settings)
+    drawn = []
+    for number, settings in enumerate(dealt):
+        for place, i in enumerate(rng.permutation(len(settings))):
+            seed = int(rng.integers(0, 2**SEED_BITS))
+            at = number + sets * place
+            drawn.append(Case(number=at, kind="single", settings=settings[i], seed=seed))
+    return tuple(sorted(drawn, key=lambda one: one.number))
+
+
+def curves(answered: Sequence[Answered], camera: Nominal) -> dict[str, list[dict[str, Any]]]:
     """Count what was found at each departure from the neutral.
 
     Args:
-        answered: Singles with the verdicts on them.
-        nominal: The camera of the cases.
-        levels: Departures by effect; a case counts at the nearest.
+        answered: Cases of `draw` with the verdicts on them.
+        camera: The camera of the cases.
 
     Returns:
-        By effect and rising departure, the cases, the share whose first named effect is right
-        (`named`) and that with the truth in its set (`found`), None where there are no cases.
+        By effect and rising departure, the cases, the share of alarms (`alarm`), that whose first
+        named effect is right (`named`) and that with the truth in its set (`found`).
 
     Raises:
-        WithheldError: if a case is no single or its effect has no level.
+        WithheldError: if a case is no single.
     """
-    cases: dict[str, dict[float, list[Answered]]] = {
-        row: {float(level): [] for level in sorted(given)} for row, given in levels.items()
-    }
+    cases: dict[str, dict[float, list[Answered]]] = {}
     for one in answered:
         if one.case.kind != "single":
             name = f"case {one.case.number}"
             raise refusal(name, "must be a single for a power curve", one.case.kind, "Drop it.")
-        row = one.rows[0]
-        at = cases.get(row)
-        if not at:
-            raise refusal("levels", f"must have one of {row}", sorted(levels), "Give them.")
-        departure = ROWS[row].departure(nominal, one.case.settings[row])
-        at[min(at, key=lambda level: abs(level - departure))].append(one)
+        name = one.rows[0]
+        departure = ROWS[name].departure(camera, one.case.settings[name])
+        cases.setdefault(name, {}).setdefault(float(f"{departure:.6g}"), []).append(one)
     return {
-        row: [
+        name: [
             {
-                "departure": level,
+                "departure": departure,
                 "cases": len(those),
+                "alarm": figure(those, lambda one: one.alarm).value,
                 "named": figure(those, lambda one: one.first_right).value,
                 "found": figure(those, lambda one: one.in_set).value,
             }
-            for level, those in at.items()
+            for departure, those in sorted(at.items())
         ]
-        for row, at in cases.items()
+        for name, at in sorted(cases.items())
     }

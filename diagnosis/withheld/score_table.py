@@ -60,7 +60,7 @@ def power(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     Args:
         curves: As `power.curves` gives them.
     """
-    heads = ["effect", "departure", "cases", "named", "found"]
+    heads = ["effect", "departure", "cases", "alarm", "named", "found"]
     body = [
         [row, *(_cell(level[head]) for head in heads[1:])]
         for row, levels in curves.items()

@@ -19,7 +19,7 @@ import starling
 from diagnosis import batch, captured_camera, check_camera, detection, light_sets, named, own_depth
 from diagnosis.which.candidates import candidates as all_candidates
 from diagnosis.withheld import __main__ as program
-from diagnosis.withheld import catalogue, check, programs, seal, tier
+from diagnosis.withheld import catalogue, check, limits, power, programs, seal, tier
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.check import Check
 from diagnosis.withheld.errors import WithheldError
@@ -77,9 +77,9 @@ def patched() -> Any:
 @pytest.fixture(scope="module")
 def done(patched: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Check, list[Case]]:
     folder = tmp_path_factory.mktemp("check")
-    limits = folder / "limits.json"
-    limits.write_text(json.dumps({name: [None, value] for name, value in _values().items()}))
-    patched.setattr(check, "LIMITS", limits)
+    told = folder / "limits.json"
+    told.write_text(json.dumps({name: [None, value] for name, value in _values().items()}))
+    patched.setattr(limits, "FILE", told)
     one = Check(out=folder / "run", tier=SMALL, blender=Path("none"), jobs=1)
     cases = one.prepared()
     one.diagnosed(cases)
@@ -127,6 +127,21 @@ def test_a_run_goes_on_where_it_was(done, monkeypatch):
     one.diagnosed(cases)
     after = json.loads(lost.read_text())
     assert {**after, "seconds": 0} == {**before, "seconds": 0}
+
+
+def test_power_is_asked_of_the_same_scenes(done, monkeypatch):
+    """Vignetting far above its limit is found, and far below it is not."""
+    one, _ = done
+    monkeypatch.setattr(power, "EFFECTS", ("vignetting",))
+    monkeypatch.setattr(power, "LEVELS", 2)
+    monkeypatch.setattr(power, "_WEAKEST", 0.02)
+    strong = dataclasses.replace(one, power=True)
+    cases = strong.prepared()
+    strong.diagnosed(cases)
+    weak, found = strong.scored(cases)["power"]["vignetting"]
+    assert weak["cases"] == found["cases"] == SMALL.sets
+    assert weak["named"] == 0 and found["named"] == 1
+    assert {path.name for path in (one.out / "power").iterdir()} >= {"hidden", "opened", "set-0"}
 
 
 def test_a_truth_that_was_changed_is_refused(done):
@@ -183,6 +198,8 @@ def test_real_pairs_are_for_their_own_tier(tmp_path, capsys):
     assert "and for no other" in capsys.readouterr().err
     assert program.main([*base, *asked, "--no-infrared"]) == 1
     assert "must have infrared" in capsys.readouterr().err
+    assert program.main([*base, *asked, "--power"]) == 1
+    assert "power must be asked of rendered light" in capsys.readouterr().err
     assert captured_camera.main([str(tmp_path / "camera"), *asked]) == 1
     assert "captures must be a folder" in capsys.readouterr().err
 
@@ -218,17 +235,6 @@ def test_a_program_that_fails_is_refused_with_what_it_said(tmp_path, monkeypatch
     monkeypatch.setattr(programs, "_run", RUN)
     with pytest.raises(WithheldError, match=r"diagnosis\.batch must succeed.*sensor must be"):
         programs.diagnose(tmp_path, tmp_path / "out", tmp_path / "s.toml", tmp_path / "cache")
-
-
-def test_limits_are_departures_to_the_side_that_is_found_later(done):
-    one, _ = done
-    camera = one.sets[0].source.camera
-    found = check.departures(
-        {"gamma": [0.9, 1.3], "veil": [None, None], "sunlight": [None, 2], "median": [0, 5]}, camera
-    )
-    assert found == {"gamma": pytest.approx(0.3), "veil": float("inf")}
-    with pytest.raises(WithheldError, match="numbers"):
-        check.departures({"veil": ["a", None]}, camera)
 
 
 def test_limits_are_told_by_the_diagnosis_itself(done, patched, capsys, tmp_path):

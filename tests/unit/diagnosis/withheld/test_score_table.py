@@ -62,9 +62,9 @@ def test_text_of_nothing(camera: Nominal) -> None:
 
 
 def test_text_of_power_curves(say: Make, answer: Make, camera: Nominal) -> None:
-    found = curves([answer({"veil": 0.05}, say("no gap"))], camera, {"veil": [0.05, 0.1]})
-    assert power(found).splitlines() == [
-        "effect  departure  cases  named  found",
-        "veil         0.05      1      0      0",
-        "veil          0.1      0      -      -",
+    veils = [answer({"veil": veil}, say("no gap")) for veil in (0.1, 0.05)]
+    assert power(curves(veils, camera)).splitlines() == [
+        "effect  departure  cases  alarm  named  found",
+        "veil         0.05      1      0      0      0",
+        "veil          0.1      1      0      0      0",
     ]
