@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +94,7 @@ class Subject:
             settings: value by effect's name.
             of: whose pair; the captured one where none is given.
         """
-        sensor = setting.on_sensor(self.sensor, settings)
+        sensor = _on_sensor(self.sensor, tuple(settings.items()))
         pair = self.real if of is None else of
         assert pair.left is not None and pair.right is not None
         maps = matched(pair.left, pair.right, sensor)
@@ -111,7 +112,8 @@ class Subject:
         return summary([simulate.expose(layers, scene, sensor, seed=seed) for seed in own], sensor)
 
     def _set(self, settings: Mapping[str, Value]) -> tuple[Sensor, Scene, Layers]:
-        sensor, scene = setting.apply(self.sensor, self.scene, settings)
+        sensor = _on_sensor(self.sensor, tuple(settings.items()))
+        scene = setting.on_scene(self.scene, settings)
         layers = self._layers
         if any(named(name.partition(".")[0]).rerender for name in settings):
             layers = simulate.rendered(self._stage.of(scene), sensor, samples=_SAMPLES)
@@ -126,6 +128,12 @@ class Subject:
             simulate.infrared(layers, scene, sensor, seed=own, frame=frame)
             for frame in range(self.frames)
         ]
+
+
+@lru_cache(maxsize=4)
+def _on_sensor(base: Sensor, settings: tuple[tuple[str, Value], ...]) -> Sensor:
+    """Set effects; kept, as all scenes are asked for the same ones in turn."""
+    return setting.on_sensor(base, dict(settings))
 
 
 def _put_out(sensor: Sensor, pairs: Sequence[simulate.Pair]) -> Reading:
