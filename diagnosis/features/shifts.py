@@ -11,6 +11,7 @@ from diagnosis.ground import Ground, Image
 
 STEP_PX = 0.7  # Shift to both sides of the expected place.
 _WINDOW_PX = 15
+_MOST = 0.95  # Of a correlation, whose measure would else be without end where images are alike.
 _BINS = ("depth", "x", "y")
 
 
@@ -46,14 +47,18 @@ def _shifts(
     """Peak of the correlation and its place in x and y, by bins."""
     flat = _standard(one)
     steps = {"": (0, 0), "+x": (1, 0), "-x": (-1, 0), "+y": (0, 1), "-y": (0, -1)}
-    products = {}
-    for name, (dx, dy) in steps.items():
-        moved = warped(other, disparity_px, dx * STEP_PX, dy * STEP_PX)
-        products[name] = flat * _standard(moved)
+    moved = {
+        name: _standard(warped(other, disparity_px, dx * STEP_PX, dy * STEP_PX))
+        for name, (dx, dy) in steps.items()
+    }
+    products = {name: flat * image for name, image in moved.items()}
+    powers = flat**2, moved[""] ** 2
     found = {}
     for name, where in (*ground.whole(far=True), *ground.each(*_BINS, far=True)):
         at = {step: bins.mean(product, where) for step, product in products.items()}
-        found[f"{kind}.match.{name}"] = float(np.arctanh(np.clip(at[""], -0.999, 0.999)))
+        power = float(np.prod([bins.mean(square, where) for square in powers]))
+        likeness = at[""] / np.sqrt(max(power, 1e-6))
+        found[f"{kind}.match.{name}"] = float(np.arctanh(_MOST * np.clip(likeness, -1, 1)))
         for axis in ("x", "y"):
             bend = at[f"+{axis}"] + at[f"-{axis}"] - 2 * at[""]
             lean = 0.5 * (at[f"+{axis}"] - at[f"-{axis}"])

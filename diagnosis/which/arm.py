@@ -20,7 +20,7 @@ from diagnosis.which.signature import Signature, signature
 from sim import progress
 from sim.effects.effect import Value
 
-CLOSER = 12  # Candidates that are simulated at all their strengths.
+CLOSER = 12  # Candidates that are simulated at more strengths.
 # Size of what is left (`Likelihood.size`) above which something else is at work: a constant, and a
 # share of what there was, as no effect is simulated as it truly is.
 UNEXPLAINED, OF_BEFORE = 0.65, 0.05
@@ -112,7 +112,7 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
     alone = sorted(
         (fit(one, likelihood, screen.folds) for one in screen.rough), key=lambda one: -one.total
     )
-    closer = [one.signature.candidate for one in alone[:CLOSER] if one.total > 0]
+    closer = [one for one in alone[:CLOSER] if one.total > 0]
     worth_it = likelihood.size(likelihood.nothing) > screen.noise
     found = search.search(
         bench,

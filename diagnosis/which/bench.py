@@ -26,7 +26,7 @@ Row = NDArray[np.float64]  # (features,)
 Table = NDArray[np.float64]  # (scenes, features); NaN where a feature has too few pixels.
 Make = Callable[..., Row | None]  # Of a subject, columns and more.
 
-_MADE = 3  # Of the features: another number, and what is kept is made again.
+_MADE = 4  # Of the features: another number, and what is kept is made again.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -82,7 +82,7 @@ class Likelihood:
         return np.where(np.isfinite(self.gap), alone, 0.0)
 
 
-def weights(signatures: Sequence[Signature], deviation: NDArray[np.float64]) -> NDArray[np.float64]:
+def weights(signatures: Sequence[Signature], deviation: Table) -> NDArray[np.float64]:
     """Share of each feature that others do not repeat: 1 over its squared likenesses to all.
 
     Features that whatever is done move alike, such as the sharpness of ten parts of one image, tell
@@ -91,17 +91,17 @@ def weights(signatures: Sequence[Signature], deviation: NDArray[np.float64]) -> 
 
     Args:
         signatures: what many effects do; where there are none every feature has a vote.
-        deviation: (features,).
+        deviation: of each scene's features.
 
     Returns:
         (features,) in 0..1.
     """
     if not signatures:
-        return np.ones_like(deviation)
+        return np.ones(deviation.shape[-1])
     moves = np.nan_to_num(np.concatenate([one.change for one in signatures]) / deviation)
     size = np.sqrt((moves**2).sum(axis=(1, 2)))
     told = moves[size > _SEEN] / size[size > _SEEN, None, None]
-    rows = told.reshape(-1, deviation.size)
+    rows = told.reshape(-1, deviation.shape[-1])
     product = rows.T @ rows
     length = np.sqrt(np.diag(product))
     still = length < 1e-6  # No effect moves it.

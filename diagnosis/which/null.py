@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from diagnosis.which.bench import Bench, Table
 from diagnosis.which.candidates import Arm
 from diagnosis.which.fit import fit
-from diagnosis.which.likelihood import Likelihood
+from diagnosis.which.likelihood import TAU, Likelihood
 from diagnosis.which.signature import Signature
 
 SEEDS = 8
 FLOOR = 0.02  # What the simulator is taken to be wrong by in every feature, in its own unit.
-_FLOORS = {"texture": 0.08}  # No model has a spot's shape right; a fine scale's energy shows it.
+_SPOT = "lens_blur"  # No model has its shape right: what it makes is wrong by a share.
 LEAST_GAIN = 12.0  # Below this no effect is believed, whatever the nulls say.
 
 
@@ -26,7 +26,7 @@ class Base:
     """Features of the base under several seeds."""
 
     tables: NDArray[np.float64]  # (seeds, scenes, features); the first has the signatures' seed.
-    floor: NDArray[np.float64]  # (features,)
+    floor: Table  # What the simulator is taken to be wrong by.
     # What a capture is compared with; None: the mean of the base.
     against: Table | None = None
 
@@ -36,8 +36,8 @@ class Base:
         return _mean(self.tables, axis=0)
 
     @property
-    def deviation(self) -> NDArray[np.float64]:
-        """Deviation (features,) of a reading less what it is compared with, and of what the
+    def deviation(self) -> Table:
+        """Deviation of a reading less what it is compared with, and of what the
         simulator misses.
         """
         seeds = len(self.tables)
@@ -49,7 +49,7 @@ class Base:
     def likelihood(self, real: Table, weight: NDArray[np.float64]) -> Likelihood:
         """Likelihood of a reading's gap."""
         gap = real - (self.mean if self.against is None else self.against)
-        return Likelihood(gap, np.broadcast_to(self.deviation, gap.shape), weight)
+        return Likelihood(gap, self.deviation, weight)
 
     def without(self, number: int) -> Base:
         """The base with one seed left out; where captures are compared the next stands for one."""
@@ -86,20 +86,20 @@ def base(bench: Bench, *, seeds: int = SEEDS) -> Base:
         assert again is not None
         drawn = range(seeds if bench.subjects[0].sensor.left.dropped_bits else 0)
         tables = [again + bench.finer(seed=number) for number in drawn] or [again]
-        return Base(np.stack(tables), floors(bench.names), bench.against())
+        return _of(np.stack(tables), bench.against())
     against = bench.against()
     if against is not None and bench.arm is Arm.IMAGE:
         exposed = np.stack([bench.exposed(seed=number) for number in range(seeds)])
-        return Base(exposed, floors(bench.names), against)
+        return _of(exposed, against)
     found = [bench.simulated({}, seed=number) for number in range(seeds)]
-    tables = np.stack([one for one in found if one is not None])
-    return Base(tables, floors(bench.names), against)
+    made = _of(np.stack([one for one in found if one is not None]), against)
+    spotless = bench.change({_SPOT: 0.0})
+    spot = np.zeros_like(made.floor) if spotless is None else np.nan_to_num(spotless)
+    return dataclasses.replace(made, floor=np.hypot(made.floor, TAU * spot))
 
 
-def floors(names: Sequence[str]) -> NDArray[np.float64]:
-    """What the simulator is taken to be wrong by in each feature."""
-    words = [next((word for word in _FLOORS if word in name), None) for name in names]
-    return np.array([FLOOR if word is None else _FLOORS[word] for word in words])
+def _of(tables: NDArray[np.float64], against: Table | None) -> Base:
+    return Base(tables, np.full(tables.shape[1:], FLOOR), against)
 
 
 def gains(

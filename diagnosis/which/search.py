@@ -91,6 +91,20 @@ def coarse(candidate: Candidate) -> list[Value]:
     return sorted(found, key=float)
 
 
+def fine(fit: Fit) -> list[Value]:
+    """Nodes of a candidate that is worth it: all to the side where it fits, else those tried first.
+
+    Args:
+        fit: of those tried first.
+    """
+    candidate = fit.signature.candidate
+    if not candidate.numeric:
+        return list(candidate.nodes)
+    base, tried = float(candidate.base), coarse(candidate)
+    above = float(fit.value) >= base
+    return [node for node in candidate.nodes if node in tried or (float(node) > base) == above]
+
+
 def _tried(count: int) -> list[int]:
     """Which of so many nodes, from weak to strong, are tried."""
     return sorted({count // 3, count - 1 - count // 4}) if count else []
@@ -99,7 +113,7 @@ def _tried(count: int) -> list[int]:
 def search(
     bench: Bench,
     likelihood: Likelihood,
-    candidates: Sequence[Candidate],
+    closer: Sequence[Fit],
     alone: Sequence[Fit],
     folds: Folds,
     *,
@@ -110,14 +124,14 @@ def search(
     Args:
         bench: subjects and arm.
         likelihood: of the gap.
-        candidates: worth a closer look.
-        alone: all candidates fitted alone, best first.
+        closer: candidates worth a closer look, fitted alone at few strengths.
+        alone: all candidates fitted so, best first.
         folds: scenes held out.
         threshold: least gain of an effect.
     """
     signatures = [
         one
-        for one in (signature(each, bench, each.nodes) for each in candidates)
+        for one in (signature(each.signature.candidate, bench, fine(each)) for each in closer)
         if one is not None
     ]
     starts = _starts(signatures, likelihood, folds, threshold)

@@ -49,7 +49,9 @@ def noise(seed: int) -> np.ndarray:
     return 0.05 * np.random.default_rng(seed).standard_normal((SCENES, FEATURES))
 
 
-BASE = Base(np.stack([noise(100 + seed) for seed in range(SEEDS)]), np.full(FEATURES, null.FLOOR))
+BASE = Base(
+    np.stack([noise(100 + seed) for seed in range(SEEDS)]), np.full((SCENES, FEATURES), null.FLOOR)
+)
 
 
 class FakeBench:
@@ -118,9 +120,27 @@ def test_no_effect_gains_from_noise():
     assert null.size(Base(BASE.tables[:1], BASE.floor), ONES) == 1
 
 
-def test_fine_scales_are_trusted_less():
-    floors = null.floors(["level.full", "right texture.slope.a", "pair.match.all"])
-    assert floors[0] == floors[2] == null.FLOOR < floors[1]
+def test_what_the_lens_spot_makes_is_trusted_less():
+    """A fifth of what goes with the spot, and what is not known without it as all else."""
+
+    class Bench:
+        arm = Arm.IMAGE
+
+        def against(self) -> None:
+            return None
+
+        def simulated(self, settings: dict[str, float], *, seed: int = 0) -> np.ndarray:
+            return np.zeros((2, 3))
+
+        def change(self, settings: dict[str, float]) -> np.ndarray:
+            assert settings == {"lens_blur": 0.0}
+            return np.array([[0.0, 1.0, np.nan], [0.0, -2.0, 0.0]])
+
+    floor = null.base(Bench(), seeds=2).floor  # type: ignore[arg-type]
+    least = null.FLOOR
+    np.testing.assert_allclose(
+        floor, [[least, np.hypot(least, 0.2), least], [least, np.hypot(least, 0.4), least]]
+    )
 
 
 def test_one_effect_is_named_and_one_alone():
@@ -152,7 +172,7 @@ def test_effects_that_exclude_each_other_are_not_named_together():
     found = search.search(
         FakeBench(),  # type: ignore[arg-type]
         likelihood,
-        [candidate(name) for name in NAMES],
+        [fit(MADE[name], likelihood, HELD) for name in NAMES],
         [],
         HELD,
         threshold=null.LEAST_GAIN,
@@ -174,10 +194,11 @@ def searched(
     settings: dict[str, float], *, bench: FakeBench | None = None, names: tuple[str, ...] = NAMES
 ) -> search.Search:
     bench = bench or FakeBench()
+    likelihood = likelihood_of(settings, 9, bench=bench)
     return search.search(
         bench,  # type: ignore[arg-type]
-        likelihood_of(settings, 9, bench=bench),
-        [candidate(name) for name in names],
+        likelihood,
+        [fit(bench.made[name], likelihood, HELD) for name in names],
         [],
         HELD,
         threshold=null.LEAST_GAIN,
@@ -206,6 +227,21 @@ def test_first_tries_are_weak_and_strong_ones_to_each_side():
         nodes=("left", "nearest"),
     )
     assert search.coarse(words) == ["left", "nearest"]
+
+
+@pytest.mark.parametrize("side, nodes", [(1, (-3, -2, 1, 2, 3)), (-1, (-3, -2, -1, 2, 3))])
+def test_the_side_that_fits_is_looked_at_closer(side, nodes):
+    roll = Candidate(
+        name="roll",
+        effect=effects.named("roll"),
+        arm=Arm.IMAGE,
+        base=0.0,
+        nodes=(-3, -2, -1, 1, 2, 3),
+    )
+    grows = np.outer([-3, -2, 0, 2, 3], np.ones(SCENES))[..., None] * np.ones(FEATURES)
+    rough = Signature(roll, (-3, -2, 0.0, 2, 3), 0.1 * grows)
+    likelihood = BASE.likelihood(side * 0.15 + noise(3), ONES)
+    assert tuple(search.fine(fit(rough, likelihood, HELD))) == nodes
 
 
 def test_features_that_move_alike_share_one_vote():
