@@ -212,10 +212,11 @@ def rendered(stage: Stage, sensor: Sensor, *, samples: int = 16, seed: int = 0) 
     """
     errors.in_interval("samples", samples, 1, 4096, "16 are enough for most scenes.")
     errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
-    layers = render.layers(stage, sensor)
-    if not stage.scene.motion.still:
-        still = infrared(layers, stage.scene, sensor, seed=seed)
-        layers = render.layers(stage, sensor, exposure_s=still.exposure.exposure_s)
+    exposure_s = sensor.left.exposure_s
+    if sensor.left.auto_exposure_level and not stage.scene.motion.still:
+        still = infrared(render.layers(stage, sensor), stage.scene, sensor, seed=seed)
+        exposure_s = still.exposure.exposure_s
+    layers = render.layers(stage, sensor, exposure_s=exposure_s)
     if stage.scene.interreflection:
         from sim import indirect
 

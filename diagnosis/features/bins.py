@@ -15,7 +15,12 @@ _LEAST = 1e-6  # Of what a logarithm is taken.
 
 def mean(values: NDArray, where: Pixels) -> float:
     """Mean of finite values; NaN where they are few."""
+    if where.size < FEWEST:
+        return float("nan")
     inside = values.ravel()[where]
+    found = float(inside.mean())
+    if np.isfinite(found):  # So are all: most images have no gaps.
+        return found
     inside = inside[np.isfinite(inside)]
     return float(inside.mean()) if inside.size >= FEWEST else float("nan")
 

@@ -12,6 +12,7 @@ from diagnosis.ground import Ground, Image
 STEP_PX = 0.7  # Shift to both sides of the expected place.
 _WINDOW_PX = 15
 _MOST = 0.95  # Of a correlation, whose measure would else be without end where images are alike.
+_SURE = 0.3  # Correlation below which its place is chance.
 _BINS = ("depth", "x", "y")
 
 
@@ -59,12 +60,14 @@ def _shifts(
         power = float(np.prod([bins.mean(square, where) for square in powers]))
         likeness = at[""] / np.sqrt(max(power, 1e-6))
         found[f"{kind}.match.{name}"] = float(np.arctanh(_MOST * np.clip(likeness, -1, 1)))
+        sure = likeness > _SURE
         for axis in ("x", "y"):
             bend = at[f"+{axis}"] + at[f"-{axis}"] - 2 * at[""]
             lean = 0.5 * (at[f"+{axis}"] - at[f"-{axis}"])
-            place = -STEP_PX * lean / bend if bend < -1e-3 else float("nan")
-            found[f"{kind}.shift {axis}.{name}"] = float(np.clip(place, -3, 3))
-            found[f"{kind}.width {axis}.{name}"] = bins.log(-bend / max(abs(at[""]), 1e-3))
+            if not sure or bend > -1e-3:
+                continue
+            found[f"{kind}.shift {axis}.{name}"] = float(np.clip(-STEP_PX * lean / bend, -3, 3))
+            found[f"{kind}.width {axis}.{name}"] = bins.log(-bend / at[""])
     return found
 
 
