@@ -87,7 +87,10 @@ def diagnose(
         told = {
             "verdict": found.kind,
             "effects": sorted(figures.effects(found.arms), key=lambda one: -one["gain"]),
-            "left": {arm.bench.arm.value: arm.search.after for arm in found.arms},
+            "left": {
+                arm.bench.arm.value: {"after": arm.search.after, "below": arm.explained_below}
+                for arm in found.arms
+            },
             "howfar": figures.howfar(found.howfar),
             "baselines": _baselines(found.arms[0], seed=number) if found.arms else {},
             "seconds": round(time.perf_counter() - begun, 3),

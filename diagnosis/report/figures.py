@@ -99,6 +99,7 @@ def _arm(arm: Found) -> dict[str, Any]:
         "before": arm.search.before,
         "after": arm.search.after,
         "threshold": arm.search.threshold,
+        "explained_below": arm.explained_below,
         "unexplained": arm.unexplained,
         "lead": arm.lead,
         "features": len(arm.bench.names),

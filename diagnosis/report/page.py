@@ -80,7 +80,7 @@ def _made(of: Diagnosis) -> str:
             number(arm.search.threshold, ".1f"),
             number(arm.search.before, ".3g"),
             number(arm.search.after, ".3g"),
-            number(UNEXPLAINED + OF_BEFORE * arm.search.before, ".3g"),
+            number(arm.explained_below, ".3g"),
         ]
         for arm in of.arms
     ]
@@ -98,7 +98,8 @@ def _made(of: Diagnosis) -> str:
             f"{number(null.LEAST_GAIN, '.0f')}. Another effect is not separable from it if the "
             "threshold does not part their gains. A gap counts as explained if its size after is "
             f"below {number(UNEXPLAINED, '.2f')} plus {number(100 * OF_BEFORE, '.0f')} % of its "
-            f"size before. One room in {LOCKED} is locked away by lot and only judges how far."
+            "size before, and what its effects leave of themselves when drawn anew. One room in "
+            f"{LOCKED} is locked away by lot and only judges how far."
         )
         + (table(head, rows) if rows else "")
         + prose(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,7 @@ CLOSER = 12  # Candidates that are simulated at more strengths.
 # Size of what is left (`Likelihood.size`) above which something else is at work: a constant, and a
 # share of what there was, as no effect is simulated as it truly is.
 UNEXPLAINED, OF_BEFORE = 0.65, 0.05
+_ANEW = (1, 2, 3)  # Seeds of effects drawn anew.
 _NAMED = 3  # Groups of features that a lead names.
 _LEAD = 3.0  # Mean deviations of a group from which it is a lead.
 
@@ -48,6 +50,7 @@ class Found:
     screen: Screen
     likelihood: Likelihood
     search: Search
+    explained_below: float  # Size of what is left up to which nothing else is at work.
     lead: tuple[str, ...]  # Groups of features that stay unexplained, the worst first.
 
     @property
@@ -58,7 +61,7 @@ class Found:
     @property
     def unexplained(self) -> bool:
         """Whether more is left than what is named leaves where it is true."""
-        return self.search.after > UNEXPLAINED + OF_BEFORE * self.search.before
+        return self.search.after > self.explained_below
 
 
 def screen(
@@ -122,13 +125,28 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
         screen.folds,
         threshold=screen.threshold,
     )
+    explained = UNEXPLAINED + OF_BEFORE * found.before
+    if found.after > explained and bench.arm is not Arm.DEPTH:
+        explained += _drawn_anew(bench, likelihood, found.settings)
     return Found(
         bench=bench,
         screen=screen,
         likelihood=likelihood,
         search=found,
+        explained_below=explained,
         lead=_lead(bench.names, found.left),
     )
+
+
+def _drawn_anew(bench: Bench, likelihood: Likelihood, settings: Mapping[str, Value]) -> float:
+    """Size of what effects leave of themselves with other draws, as a light that flickers."""
+    made = bench.change(settings)
+    sizes = [0.0]
+    for seed in _ANEW if settings else ():
+        again, base = bench.simulated(settings, seed=seed), bench.simulated({}, seed=seed)
+        assert made is not None and again is not None and base is not None
+        sizes.append(dataclasses.replace(likelihood, gap=again - base).size(made))
+    return max(sizes)
 
 
 def _lead(features: Sequence[str], left: NDArray[np.float64]) -> tuple[str, ...]:

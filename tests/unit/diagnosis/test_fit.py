@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis.which import null, search
+from diagnosis.which import arm, null, search
 from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit, folds
 from diagnosis.which.likelihood import Likelihood, weights
@@ -227,6 +227,24 @@ def test_first_tries_are_weak_and_strong_ones_to_each_side():
         nodes=("left", "nearest"),
     )
     assert search.coarse(words) == ["left", "nearest"]
+
+
+@pytest.mark.parametrize("drawn, left", [(0.0, 0.0), (1.0, 0.5)])
+def test_what_is_drawn_anew_leaves_some_of_itself(drawn, left):
+    """A light of 1 +- 1 by the seed; one that keeps still leaves nothing, as no effect does."""
+
+    class Bench:
+        def simulated(self, settings: dict[str, float], *, seed: int) -> np.ndarray:
+            made = 1 + drawn * (-1) ** seed if settings else 0
+            return made * np.ones((SCENES, FEATURES)) + noise(seed)
+
+        def change(self, settings: dict[str, float]) -> np.ndarray:
+            return self.simulated(settings, seed=0) - self.simulated({}, seed=0)
+
+    likelihood = BASE.likelihood(noise(3), ONES)
+    size = arm._drawn_anew(Bench(), likelihood, {"flicker": 0.1})  # type: ignore[arg-type]
+    assert size == pytest.approx(0, abs=1e-9) if left == 0 else size > left
+    assert arm._drawn_anew(Bench(), likelihood, {}) == 0  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("side, nodes", [(1, (-3, -2, 1, 2, 3)), (-1, (-3, -2, -1, 2, 3))])

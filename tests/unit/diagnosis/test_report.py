@@ -27,7 +27,7 @@ from diagnosis.tell_apart import Told
 from diagnosis.where import maps, rules, swap, table
 from diagnosis.where.where import Where
 from diagnosis.which import search
-from diagnosis.which.arm import Found, Screen
+from diagnosis.which.arm import OF_BEFORE, UNEXPLAINED, Found, Screen
 from diagnosis.which.bench import Bench, Columns
 from diagnosis.which.candidates import Arm
 from diagnosis.which.signature import Signature
@@ -87,6 +87,7 @@ def found(searched: search.Search, *, arm: Arm = Arm.IMAGE, lead: tuple[str, ...
         ),
         likelihood=made.likelihood_of({}, 9),
         search=searched,
+        explained_below=UNEXPLAINED + OF_BEFORE * searched.before,
         lead=lead,
     )
 
