@@ -22,6 +22,7 @@ from sim import progress
 from sim.effects.effect import Value
 
 CLOSER = 12  # Candidates that are simulated at more strengths.
+_WORTH_IT = 0.25  # Of the threshold, that one has to gain alone.
 # Size of what is left (`Likelihood.size`) above which something else is at work: a constant, and a
 # share of what there was, as no effect is simulated as it truly is.
 UNEXPLAINED, OF_BEFORE = 0.65, 0.05
@@ -98,9 +99,10 @@ def screen(
 
 
 def _same(bench: Bench, base: Base) -> bool:
-    """Whether no feature of any scene is off: then nothing has to be matched again."""
+    """Whether no feature is off in the mean of the scenes: then nothing has to be matched again."""
     likelihood = base.likelihood(bench.real(), np.ones(len(bench.names)))
-    return bool((np.nan_to_num(np.abs(likelihood.left(likelihood.nothing))) <= 1).all())
+    off = np.nan_to_num(likelihood.left(likelihood.nothing)).mean(axis=0)
+    return bool((np.abs(off) <= 1).all())
 
 
 def diagnosed(bench: Bench, screen: Screen) -> Found:
@@ -115,7 +117,7 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
     alone = sorted(
         (fit(one, likelihood, screen.folds) for one in screen.rough), key=lambda one: -one.total
     )
-    closer = [one for one in alone[:CLOSER] if one.total > 0]
+    closer = [one for one in alone[:CLOSER] if one.total > _WORTH_IT * screen.threshold]
     worth_it = likelihood.size(likelihood.nothing) > screen.noise
     found = search.search(
         bench,
