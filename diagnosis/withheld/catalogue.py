@@ -106,7 +106,7 @@ _IMAGE = (
     Row(name="flicker", family="flicker", kind="image", unit="1", neutral=0, low=0.01, high=0.3),
     # Optics.
     Row(name="lens_blur", family="lens blur", kind="image", unit="px", neutral="lens_blur_px",
-        low=0.2, high=1.5, signs=_BOTH, least=0),
+        low=0.2, high=1.5, signs=_BOTH, least=0, most=1.5),
     Row(name="corner_blur", family="lens blur", kind="image", unit="px", neutral=0,
         low=0.2, high=2),
     Row(name="near_defocus", family="defocus", kind="image", unit="px m", neutral=0,
@@ -143,7 +143,7 @@ _IMAGE = (
     Row(name="shot_noise", family="shot noise", kind="image", unit="1", neutral="shot_noise",
         low=0.1, high=0.7, signs=_BOTH, least=0.3, most=1),
     Row(name="read_noise", family="read noise", kind="image", unit="electrons",
-        neutral="read_noise_e", low=1, high=150, signs=_BOTH, least=0),
+        neutral="read_noise_e", low=1, high=150, signs=_BOTH, least=0, most=150),
     Row(name="dsnu", family="offset pattern", kind="image", unit="electrons", neutral=0,
         low=1, high=60),
     Row(name="column_noise", family="column noise", kind="image", unit="electrons", neutral=0,

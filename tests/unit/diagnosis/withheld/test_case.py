@@ -17,6 +17,7 @@ from diagnosis.withheld.case import Case, draw
 from diagnosis.withheld.catalogue import ROWS, SECONDARY, Strengths
 from diagnosis.withheld.errors import WithheldError
 from diagnosis.withheld.nominal import Nominal
+from sim import effects
 
 PAGES = Path(__file__).parents[4] / "docs" / "effects"
 COUNTS: dict[case.CaseKind, int] = {"null": 4, "single": 90, "pair": 12, "unknown": 9}
@@ -43,6 +44,17 @@ def test_units_are_those_of_the_pages() -> None:
         page = (PAGES / f"{row.name}.md").read_text(encoding="utf-8")
         first = page.split("| --- | --- | --- | --- | --- |\n")[1].splitlines()[0]
         assert first.split("|")[5].strip() == row.unit, row.name
+
+
+def test_images_are_drawn_from_the_pages_ranges(camera: Nominal) -> None:
+    """Between the page's ends, or from its neutral on: beyond them nobody looks."""
+    for row in (row for row in ROWS.values() if row.kind == "image" and row.scale != "choice"):
+        first = effects.named(row.name).parameters[0]
+        assert first.low is not None and first.high is not None
+        low = first.low if first.neutral is None else min(first.low, float(first.neutral))
+        for sign in row.signs:
+            end = row.value(camera, row.reach(camera, sign), sign)
+            assert low - 1e-9 <= end <= first.high * (1 + 1e-9), row.name
 
 
 @pytest.mark.parametrize("name", [r.name for r in ROWS.values() if r.scale != "choice"])
