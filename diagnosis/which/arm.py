@@ -142,9 +142,11 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
 
 def _drawn_anew(bench: Bench, likelihood: Likelihood, settings: Mapping[str, Value]) -> float:
     """Size of what effects leave of themselves with other draws, as a light that flickers."""
+    if not settings:
+        return 0.0
     made = bench.change(settings)
-    sizes = [0.0]
-    for seed in _ANEW if settings else ():
+    sizes = []
+    for seed in _ANEW:
         again, base = bench.simulated(settings, seed=seed), bench.simulated({}, seed=seed)
         assert made is not None and again is not None and base is not None
         sizes.append(dataclasses.replace(likelihood, gap=again - base).size(made))

@@ -17,7 +17,7 @@ from diagnosis.withheld.nominal import Nominal
 
 CaseKind = Literal["null", "single", "pair", "unknown"]
 _KINDS: tuple[CaseKind, ...] = get_args(CaseKind)
-SEED_BITS = 62
+_SEED_BITS = 62
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -75,12 +75,12 @@ def draw(
     check_names(limits or {})
     skip = set(leave_out)
     check_names(dict.fromkeys(skip, 0.0))
-    if entropy is None:
-        entropy = int.from_bytes(os.urandom(16), "big")
-    rng = np.random.Generator(np.random.SFC64(entropy))
-    lot = _Lot(rng=rng, nominal=nominal, limits=dict(limits or {}), upwards=frozenset(upwards))
-    known = lot.able(row for row in ROWS.values() if row.kind in kinds and row.name not in skip)
-    strange = lot.able(
+    rng = lot(entropy)
+    drawer = _Drawer(
+        rng=rng, nominal=nominal, limits=dict(limits or {}), upwards=frozenset(upwards)
+    )
+    known = drawer.able(row for row in ROWS.values() if row.kind in kinds and row.name not in skip)
+    strange = drawer.able(
         row for row in ROWS.values() if row.kind == "outside" and row.name not in skip
     )
     drawn: list[tuple[CaseKind, dict[str, float]]] = []
@@ -91,22 +91,34 @@ def draw(
         if kind == "null":
             chosen: list[tuple[Row, ...]] = [()] * count
         elif kind == "single":
-            chosen = [(row,) for row in lot.round(known, count)]
+            chosen = [(row,) for row in drawer.round(known, count)]
         elif kind == "pair":
-            chosen = [lot.two(known) for _ in range(count)]
+            chosen = [drawer.two(known) for _ in range(count)]
         else:
-            chosen = [(row,) for row in lot.round(strange, count)]
+            chosen = [(row,) for row in drawer.round(strange, count)]
         for rows in chosen:
-            drawn.append((kind, {row.name: lot.strength(row) for row in rows}))
+            drawn.append((kind, {row.name: drawer.strength(row) for row in rows}))
     order = rng.permutation(len(drawn))
     return tuple(
-        Case(number=number, kind=drawn[i][0], settings=drawn[i][1], seed=lot.seed())
+        Case(number=number, kind=drawn[i][0], settings=drawn[i][1], seed=seed(rng))
         for number, i in enumerate(order)
     )
 
 
+def lot(entropy: int | None) -> np.random.Generator:
+    """Begin a lot; where nothing is given, from the system's own randomness."""
+    if entropy is None:
+        entropy = int.from_bytes(os.urandom(16), "big")
+    return np.random.Generator(np.random.SFC64(entropy))
+
+
+def seed(rng: np.random.Generator) -> int:
+    """Draw the seed of a case."""
+    return int(rng.integers(0, 2**_SEED_BITS))
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _Lot:
+class _Drawer:
     rng: np.random.Generator
     nominal: Nominal
     limits: dict[str, float]
@@ -145,9 +157,6 @@ class _Lot:
         low, high = self.low(row), row.reach(self.nominal, sign)
         departure = math.exp(self.rng.uniform(math.log(low), math.log(high)))
         return row.value(self.nominal, departure, sign)
-
-    def seed(self) -> int:
-        return int(self.rng.integers(0, 2**SEED_BITS))
 
 
 def dumps(cases: Sequence[Case]) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from diagnosis.withheld.answered import Answered
-from diagnosis.withheld.case import SEED_BITS, Case
+from diagnosis.withheld.case import Case, lot, seed
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.figure import figure
@@ -73,9 +72,7 @@ def draw(
         raise refusal("cases", "must be >= 1", count, "Give how many of each level.")
     if not asked:
         raise refusal("power", "must have effects that can be found", "none", "Check the limits.")
-    if entropy is None:
-        entropy = int.from_bytes(os.urandom(16), "big")
-    rng = np.random.Generator(np.random.SFC64(entropy))
+    rng = lot(entropy)
     dealt: list[list[dict[str, float]]] = [[] for _ in range(sets)]
     for name, departures in asked.items():
         row = ROWS[name]
@@ -87,9 +84,8 @@ def draw(
     drawn = []
     for number, settings in enumerate(dealt):
         for place, i in enumerate(rng.permutation(len(settings))):
-            seed = int(rng.integers(0, 2**SEED_BITS))
             at = number + sets * place
-            drawn.append(Case(number=at, kind="single", settings=settings[i], seed=seed))
+            drawn.append(Case(number=at, kind="single", settings=settings[i], seed=seed(rng)))
     return tuple(sorted(drawn, key=lambda one: one.number))
 
 
