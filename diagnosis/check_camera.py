@@ -10,6 +10,11 @@ from sim.sensor_edits import with_values
 
 _FOCAL = 424.0 / 848.0  # Of a D435 over its width; the principal point is the middle.
 _HAS = (
+    # What the matcher filters by itself nobody could withhold.
+    ("matcher.refinement.median_px", 0),
+    ("matcher.refinement.smooth_px", 0),
+    ("matcher.checks.jump_px", 1024.0),
+    ("matcher.checks.speckle_count", 0),
     # Without these nothing could be told from no noise and a perfect lens.
     ("imager.lens.blur_px", 0.6),
     ("imager.shot_noise", 1.0),
@@ -21,7 +26,7 @@ _HAS = (
 
 
 def camera(width: int, height: int) -> Sensor:
-    """A D435 with all effects at their neutral but for noise and a lens's spot.
+    """A D435 with all effects at their neutral but for noise, a lens's spot and the matcher's cost.
 
     Args:
         width: of the images [px].

@@ -3,7 +3,11 @@
     python -m diagnosis.detection CAPTURES --sensor FILE [--cache FOLDER]
 
 Prints JSON: by effect the values below and above the base from which on its own gain passes the
-threshold in half of the simulated readings; null where no value of its range does.
+threshold in half of the simulated readings; null where no value of its range does. Of effects that
+are words or whole numbers, all values that are found.
+
+Matcher and filters are asked about on the infrared images that the capture set holds; it should be
+one that nothing is wrong with.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ from numpy.typing import NDArray
 
 from diagnosis import crew, named, program
 from diagnosis.subject import subject
+from diagnosis.which import null
 from diagnosis.which.arm import Screen
 from diagnosis.which.candidates import Arm
 from diagnosis.which.fit import fit, places
@@ -31,7 +36,7 @@ POWER = 0.5
 _STEPS = 16  # Strengths tried between two nodes.
 _ROUGH = 4  # Likewise, where an effect's strength is looked for.
 
-Limits = tuple[Value | None, Value | None]
+Limits = tuple[Value | None, Value | None] | dict[str, list[Value]]
 
 
 def limits(
@@ -41,10 +46,10 @@ def limits(
     cache: Path | None = None,
     tell: progress.Progress = progress.silent,
 ) -> dict[str, Limits]:
-    """Find the least values that are found, below and above the base, by effect.
+    """Find the least values that are found, below and above the base, by effect; choices as a list.
 
     Args:
-        captures: capture set; only its scenes count.
+        captures: capture set; what it holds counts for effects of matcher and filters alone.
         sensor: the base.
         cache: folder that keeps what is simulated.
         tell: wraps loops that take long.
@@ -56,15 +61,18 @@ def limits(
     asked, _ = named.parted(subjects)
     found: dict[str, Limits] = {}
     for arm in named.open_arms(asked):
-        if arm is not Arm.DEPTH:
-            _, screen = named.screened(arm, asked, None, cache=cache, tell=tell)
-            found |= {one.name: _limits(one, screen) for one in screen.rough}
+        place = None if arm is Arm.DEPTH else cache
+        _, screen = named.screened(arm, asked, None, always=True, cache=place, tell=tell)
+        found |= {one.name: _limits(one, screen) for one in screen.rough}
     return found
 
 
 def _limits(of: Signature, screen: Screen) -> Limits:
     tried = places(of, _STEPS)
     base = float(of.values.index(of.candidate.base))
+    if not of.candidate.numeric:
+        others = (float(place) for place in tried if place != base)
+        return {"found": [of.value(place) for place in others if _found(of, place, screen)]}
     below, above = tried[tried < base][::-1], tried[tried > base]
     return _least(of, below, screen), _least(of, above, screen)
 
@@ -80,12 +88,12 @@ def _least(of: Signature, tried: NDArray[np.float64], screen: Screen) -> Value |
 
 def _found(of: Signature, place: float, screen: Screen) -> bool:
     """Whether half of the seeds, with the effect in them, give it enough gain."""
+    readings = null.readings(screen.base)
     enough = 0
-    for number in range(len(screen.base.tables)):
-        base = screen.base.without(number)
-        likelihood = base.likelihood(screen.base.tables[number] + of.at(place), screen.weight)
+    for base, reading in readings:
+        likelihood = base.likelihood(reading + of.at(place), screen.weight)
         enough += fit(of, likelihood, screen.folds, steps=_ROUGH).total >= screen.threshold
-    return enough >= POWER * len(screen.base.tables)
+    return enough >= POWER * len(readings)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

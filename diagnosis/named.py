@@ -62,6 +62,7 @@ def screened(
     asked: Sequence[Subject],
     families: Sequence[str] | None,
     *,
+    always: bool = False,
     cache: Path | None = None,
     crew: Crew | None = None,
     tell: progress.Progress = progress.silent,
@@ -72,6 +73,7 @@ def screened(
         arm: one that is open.
         asked: at least one subject.
         families: of effects that are tried; None tries all.
+        always: as `arms.screen`.
         cache: folder that keeps what is simulated, for other runs.
         crew: who simulates; None: this process.
         tell: wraps loops that take long.
@@ -82,7 +84,7 @@ def screened(
         for one in candidates(asked[0].sensor, asked[0].scene, arm)
         if families is None or one.effect.family in families
     ]
-    return table, arms.screen(table, tried, tell=tell)
+    return table, arms.screen(table, tried, always=always, tell=tell)
 
 
 def named(screens: Sequence[tuple[Bench, Screen]], locked: Sequence[Subject]) -> Named:

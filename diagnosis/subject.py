@@ -77,6 +77,24 @@ class Subject:
         sensor, pairs = self._pairs(settings, seed)
         return dataclasses.replace(_put_out(sensor, pairs), device_px=_measured(sensor, pairs))
 
+    def another(self, number: int) -> Subject:
+        """The scene before another device of the kind: other fixed patterns, other faulty dots.
+
+        Args:
+            number: of the device, from 1.
+        """
+        projector = self.sensor.projector
+        sensor = dataclasses.replace(
+            self.sensor,
+            unit=self.sensor.unit + number,
+            projector=dataclasses.replace(projector, faults_seed=projector.faults_seed + number),
+        )
+        faulty = projector.dropped_dots or projector.shifted_dots_mrad
+        layers = self._layers
+        if faulty:
+            layers = simulate.rendered(self._stage, sensor, samples=_SAMPLES)
+        return dataclasses.replace(self, sensor=sensor, _layers=layers)
+
     def expose_again(self, *, seed: int) -> Reading:
         """What the captures are compared with, with the noise of one more exposure.
 

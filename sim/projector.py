@@ -201,7 +201,7 @@ def _on_plane(
     return relative * (scale * cosine**projector.falloff).astype(np.float32)
 
 
-_Source = tuple[str, float, float, int, float, float, float, int]
+_Source = tuple[str, float, float, int, float, float, float, int, int]
 
 
 def _faulty(projector: Projector, number: int) -> _Source:
@@ -215,14 +215,15 @@ def _faulty(projector: Projector, number: int) -> _Source:
         projector.dot_density,
         projector.dropped_dots,
         projector.shifted_dots_mrad,
-        number if faulty else 0,  # Intact, equal patterns are one.
+        projector.faults_seed if faulty else 0,  # Intact, equal patterns are one.
+        number if faulty else 0,
     )
 
 
 @lru_cache(maxsize=24)
 def _relative(source: _Source, blur_mrad: float) -> NDArray[np.float32]:
     """Relative irradiance (h, w), read-only; the intact pattern's mean is 1."""
-    name, fov_x_deg, fov_y_deg, seed, density, dropped, shifted_mrad, number = source
+    name, fov_x_deg, fov_y_deg, seed, density, dropped, shifted_mrad, device, number = source
     drawn = f"faults of the pattern, emitter {number}" if number else "faults of the pattern"
     image = faults.irradiance(
         pattern(name, fov_x_deg, fov_y_deg, seed, density),
@@ -230,7 +231,7 @@ def _relative(source: _Source, blur_mrad: float) -> NDArray[np.float32]:
         shifted_mrad=shifted_mrad,
         widened_mrad=blur_mrad,
         # The faults belong to the piece of glass, as the pattern does: not to a capture.
-        rng=randomness.generator(seed, 0, "light", drawn),
+        rng=randomness.generator(seed, device, "light", drawn),
     )
     image.flags.writeable = False
     return image

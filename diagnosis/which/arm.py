@@ -26,7 +26,7 @@ _WORTH_IT = 0.25  # Of the threshold, that one has to gain alone.
 # Size of what is left (`Likelihood.size`) above which something else is at work: a constant, and a
 # share of what there was, as no effect is simulated as it truly is.
 UNEXPLAINED, OF_BEFORE = 0.65, 0.05
-_ANEW = (1, 2, 3)  # Seeds of effects drawn anew.
+_ANEW = (1, 2, 3)  # Devices, and seeds, of effects drawn anew.
 _NAMED = 3  # Groups of features that a lead names.
 _LEAD = 3.0  # Mean deviations of a group from which it is a lead.
 
@@ -69,6 +69,7 @@ def screen(
     bench: Bench,
     candidates: Sequence[Candidate],
     *,
+    always: bool = False,
     tell: progress.Progress = progress.silent,
 ) -> Screen:
     """Simulate what may have acted.
@@ -76,10 +77,11 @@ def screen(
     Args:
         bench: subjects and arm.
         candidates: all that may have acted.
+        always: also matcher and filters where no feature is off, which cannot have acted.
         tell: wraps loops that take long.
     """
     base = null.base(bench)
-    if bench.arm is Arm.DEPTH and _same(bench, base):
+    if bench.arm is Arm.DEPTH and not always and _same(bench, base):
         candidates = ()
     rough = tuple(
         made
@@ -99,9 +101,9 @@ def screen(
 
 
 def _same(bench: Bench, base: Base) -> bool:
-    """Whether no feature is off in the mean of the scenes: then nothing has to be matched again."""
+    """Whether no feature of any scene is off: then nothing has to be matched again."""
     likelihood = base.likelihood(bench.real(), np.ones(len(bench.names)))
-    off = np.nan_to_num(likelihood.left(likelihood.nothing)).mean(axis=0)
+    off = np.nan_to_num(likelihood.left(likelihood.nothing))
     return bool((np.abs(off) <= 1).all())
 
 
@@ -141,13 +143,13 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
 
 
 def _drawn_anew(bench: Bench, likelihood: Likelihood, settings: Mapping[str, Value]) -> float:
-    """Size of what effects leave of themselves with other draws, as a light that flickers."""
+    """Size of what effects leave of themselves in other devices, as faulty dots and flicker do."""
     if not settings:
         return 0.0
     made = bench.change(settings)
     sizes = []
-    for seed in _ANEW:
-        again, base = bench.simulated(settings, seed=seed), bench.simulated({}, seed=seed)
+    for number in _ANEW:
+        again, base = bench.another(settings, number=number), bench.another({}, number=number)
         assert made is not None and again is not None and base is not None
         sizes.append(dataclasses.replace(likelihood, gap=again - base).size(made))
     return max(sizes)

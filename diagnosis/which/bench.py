@@ -96,6 +96,16 @@ class Bench:
         asked = dict(sorted(settings.items()))
         return self._rows(repr(list(asked.items())), seed, simulated_row, asked)
 
+    def another(self, settings: Mapping[str, Value], *, number: int) -> Table | None:
+        """What is simulated of another device of the kind, with noise of its own.
+
+        Args:
+            settings: as `simulated`.
+            number: of the device, from 1, and of the noise's seed.
+        """
+        asked = dict(sorted(settings.items()))
+        return self._rows(f"another {list(asked.items())!r}", number, another_row, asked)
+
     def finer(self, *, seed: int) -> Table:
         """What a device's own depth differs by from the depth of its images matched again, as its
         matcher reads bits that its images are put out without.
@@ -181,6 +191,13 @@ def simulated_row(
         return _row(_simulated(of, columns.arm, settings, seed), of, columns)
     except InputError:
         return None
+
+
+def another_row(
+    of: Subject, columns: Columns, settings: Mapping[str, Value], number: int
+) -> Row | None:
+    """One scene's row of `Bench.another`."""
+    return simulated_row(of.another(number), columns, settings, number)
 
 
 def finer_row(of: Subject, columns: Columns, seed: int) -> Row:

@@ -102,6 +102,15 @@ def _of(tables: NDArray[np.float64], against: Table | None) -> Base:
     return Base(tables, np.full(tables.shape[1:], FLOOR), against)
 
 
+def readings(of: Base) -> list[tuple[Base, Table]]:
+    """Every reading of the base, and the base that others make; one that nothing scatters stands
+    for both.
+    """
+    if len(of.tables) < 2:
+        return [(of, of.tables[0])]
+    return [(of.without(number), of.tables[number]) for number in range(len(of.tables))]
+
+
 def gains(
     of: Base,
     signatures: Sequence[Signature],
@@ -110,8 +119,8 @@ def gains(
 ) -> NDArray[np.float64]:
     """Held-out gain of the best effect where there is none to find, for each seed left out."""
     found = []
-    for number in range(len(of.tables) if len(of.tables) > 1 else 0):
-        likelihood = of.without(number).likelihood(of.tables[number], weight)
+    for base, reading in readings(of) if len(of.tables) > 1 else ():
+        likelihood = base.likelihood(reading, weight)
         best = [fit(one, likelihood, folds).gain.sum() for one in signatures]
         found.append(max(best, default=0.0))
     return np.array(found)
@@ -128,7 +137,5 @@ def size(of: Base, weight: NDArray[np.float64]) -> float:
     """Largest size of a gap (`Likelihood.size`) that seeds alone make."""
     if len(of.tables) < 2:
         return 1.0
-    each = [
-        of.without(number).likelihood(of.tables[number], weight) for number in range(len(of.tables))
-    ]
+    each = [base.likelihood(reading, weight) for base, reading in readings(of)]
     return max(one.size(one.nothing) for one in each)

@@ -17,6 +17,9 @@ from diagnosis.which.signature import Signature, signature
 from sim.effects.effect import Value
 
 MOST = 4  # Effects in one verdict.
+_SHARP = 4  # Candidates that are simulated where they fit best,
+_NEAR = 0.25  # if they gain nearly as much as the best: all but this share.
+_AT_A_NODE = 0.1  # Places from a node within which nothing is simulated anew.
 _PAIRED = 8  # Candidates among which pairs are tried.
 _COARSE = 2  # Places between nodes where pairs are tried.
 _ROUNDS = 3  # Of fitting each effect given the others.
@@ -134,6 +137,7 @@ def search(
         for one in (signature(each.signature.candidate, bench, fine(each)) for each in closer)
         if one is not None
     ]
+    signatures = _sharper(signatures, bench, likelihood, folds, threshold)
     starts = _starts(signatures, likelihood, folds, threshold)
     nothing = Model((), (), likelihood.nothing)
     model = next(filter(None, (_simulated(bench, likelihood, one) for one in starts)), nothing)
@@ -154,6 +158,35 @@ def search(
         after=likelihood.size(model.made()),
         left=likelihood.left(model.made()),
     )
+
+
+def _sharper(
+    signatures: Sequence[Signature],
+    bench: Bench,
+    likelihood: Likelihood,
+    folds: Folds,
+    threshold: float,
+) -> list[Signature]:
+    """Simulate the best alone, and those that come near it, at the strength where each fits.
+
+    Between nodes an effect is only as right as a straight line is, and that must not decide.
+    """
+    ranked = _ranked(signatures, likelihood, folds, likelihood.nothing)[:_SHARP]
+    near = {
+        one.name: one.value
+        for one in ranked
+        if one.total > ranked[0].total - max(threshold, _NEAR * ranked[0].total)
+        and one.signature.candidate.numeric
+        and abs(one.place - round(one.place)) > _AT_A_NODE
+    }
+    return [
+        _with_node(one, near[one.name], bench) if one.name in near else one for one in signatures
+    ]
+
+
+def _with_node(of: Signature, value: Value, bench: Bench) -> Signature:
+    nodes = [node for node in of.values if node != of.candidate.base]
+    return signature(of.candidate, bench, sorted([*nodes, value], key=float)) or of
 
 
 def _ranked(

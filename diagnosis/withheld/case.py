@@ -13,6 +13,7 @@ import numpy as np
 
 from diagnosis.withheld.catalogue import ROWS, Kind, Row, check_names
 from diagnosis.withheld.errors import WithheldError, refusal
+from diagnosis.withheld.limits import Limits
 from diagnosis.withheld.nominal import Nominal
 
 CaseKind = Literal["null", "single", "pair", "unknown"]
@@ -48,7 +49,7 @@ def draw(
     nominal: Nominal,
     counts: Mapping[CaseKind, int],
     *,
-    limits: Mapping[str, float] | None = None,
+    limits: Limits | None = None,
     kinds: Sequence[Kind] = ("image",),
     leave_out: Iterable[str] = (),
     upwards: Iterable[str] = (),
@@ -63,7 +64,7 @@ def draw(
     Args:
         nominal: The camera.
         counts: How many of each kind of case.
-        limits: Least departure by effect, where one is known.
+        limits: Of what is found, where it is known.
         kinds: Kinds of effects that singles and pairs are drawn from.
         leave_out: Names of effects that are not drawn.
         upwards: Names of those that are drawn above their neutral alone.
@@ -72,12 +73,13 @@ def draw(
     Raises:
         WithheldError: if a count is negative, a limit is of no effect, or nothing can be drawn.
     """
-    check_names(limits or {})
+    limits = limits or Limits(departures={}, choices={})
+    check_names({**limits.departures, **dict.fromkeys(limits.choices, 0.0)})
     skip = set(leave_out)
     check_names(dict.fromkeys(skip, 0.0))
     rng = lot(entropy)
     drawer = _Drawer(
-        rng=rng, nominal=nominal, limits=dict(limits or {}), upwards=frozenset(upwards)
+        rng=rng, nominal=nominal, limits=limits, upwards=frozenset(upwards)
     )
     known = drawer.able(row for row in ROWS.values() if row.kind in kinds and row.name not in skip)
     strange = drawer.able(
@@ -121,11 +123,11 @@ def seed(rng: np.random.Generator) -> int:
 class _Drawer:
     rng: np.random.Generator
     nominal: Nominal
-    limits: dict[str, float]
+    limits: Limits
     upwards: frozenset[str]
 
     def low(self, row: Row) -> float:
-        return max(self.limits.get(row.name, row.low), 1e-12)
+        return max(self.limits.departures.get(row.name, row.low), 1e-12)
 
     def sides(self, row: Row) -> list[int]:
         """Signs to which the camera leaves room for a departure."""
@@ -135,7 +137,13 @@ class _Drawer:
     def able(self, rows: Iterable[Row]) -> list[Row]:
         """Those of the effects that this camera can show."""
         shown = [row for row in rows if row.acts(self.nominal)]
-        return [row for row in shown if row.scale == "choice" or self.sides(row)]
+        return [row for row in shown if self.choices(row) or self.sides(row)]
+
+    def choices(self, row: Row) -> list[float]:
+        """Values of an effect that is a choice, which are found; none of another's."""
+        neutral = row.neutral_of(self.nominal)
+        found = self.limits.choices.get(row.name, row.choices)
+        return [choice for choice in found if choice != neutral]
 
     def round(self, rows: list[Row], count: int) -> list[Row]:
         if count and not rows:
@@ -151,8 +159,7 @@ class _Drawer:
 
     def strength(self, row: Row) -> float:
         if row.scale == "choice":
-            neutral = row.neutral_of(self.nominal)
-            return float(self.rng.choice([c for c in row.choices if c != neutral]))
+            return float(self.rng.choice(self.choices(row)))
         sign = int(self.rng.choice(self.sides(row)))
         low, high = self.low(row), row.reach(self.nominal, sign)
         departure = math.exp(self.rng.uniform(math.log(low), math.log(high)))

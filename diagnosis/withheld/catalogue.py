@@ -11,15 +11,16 @@ from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.nominal import Nominal
 
 Kind = Literal["image", "matcher", "post", "outside"]
-Scale = Literal["difference", "ratio", "choice"]
+Scale = Literal["difference", "ratio", "inverse", "choice"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Row:
     """One effect. A strength is the absolute value of the first parameter of the effect's page.
 
-    The departure of a value from its neutral is |value - neutral| for `difference` and
-    max(value / neutral, neutral / value) - 1 for `ratio`.
+    The departure of a value from its neutral is |value - neutral| for `difference`,
+    max(value / neutral, neutral / value) - 1 for `ratio`, and 1 / value for `inverse`, an effect
+    that does more the smaller its value is, and nothing at 0.
     """
 
     name: str
@@ -59,6 +60,8 @@ class Row:
         neutral = self.neutral_of(nominal)
         if self.scale == "ratio":
             return neutral * (1.0 + departure) ** sign
+        if self.scale == "inverse":
+            return 1.0 / departure if departure else 0.0
         return neutral + sign * departure
 
     def departure(self, nominal: Nominal, value: float) -> float:
@@ -66,6 +69,8 @@ class Row:
         neutral = self.neutral_of(nominal)
         if self.scale == "ratio":
             return max(value / neutral, neutral / value) - 1.0
+        if self.scale == "inverse":
+            return 1.0 / value if value else 0.0
         if self.scale == "choice":
             return float(value != neutral)
         return abs(value - neutral)
@@ -192,7 +197,8 @@ _POST = (
         low=4, high=64),
     Row(name="search_range", family="search range", kind="post", unit="px", neutral=0,
         scale="choice", choices=(16, 32, 48, 64, 80, 96)),
-    Row(name="edge_jump", family="edge jump", kind="post", unit="px", neutral=0, low=1, high=32),
+    Row(name="edge_jump", family="edge jump", kind="post", unit="px", neutral=0,
+        low=1 / 32, high=1, scale="inverse"),
     Row(name="speckle_filter", family="speckle filter", kind="post", unit="px", neutral=0,
         low=30, high=3000),
     Row(name="range", family="range", kind="post", unit="m", neutral=0, low=0.1, high=1),

@@ -152,7 +152,7 @@ class Check:
         camera = source.camera
         least = limits.read(camera)
         if self.power:
-            return power.draw(camera, least, self.tier.sets, each=singles)
+            return power.draw(camera, least.departures, self.tier.sets, each=singles)
         counts, _ = self.tier.drawn(singles)
         return case.draw(
             camera,

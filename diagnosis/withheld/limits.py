@@ -3,23 +3,33 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from diagnosis.withheld.catalogue import ROWS
+from diagnosis.withheld.catalogue import ROWS, Row
 from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.nominal import Nominal
 
-# Values below and above the base from which on half of the readings are found, by effect, on scenes
-# of development alone: `python -m diagnosis.detection`.
+# Values below and above the base from which on half of the readings are found, or the choices that
+# are, by effect, on scenes of development alone: `python -m diagnosis.detection`.
 FILE = Path(__file__).with_name("detection.json")
 _ADVICE = "Make the file again by python -m diagnosis.detection."
 
 
-def read(camera: Nominal) -> dict[str, float]:
-    """Read the least departure that is found, by effect: to the side where it is found later.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Limits:
+    """What is found."""
 
-    Infinite where none of an effect's range is found. Choices are left away.
+    # Least departure by effect, to the side where it is found later; infinite where none of an
+    # effect's range is found.
+    departures: Mapping[str, float]
+    choices: Mapping[str, tuple[float, ...]]  # By effect that is a choice.
+
+
+def read(camera: Nominal) -> Limits:
+    """Read from which departure on effects are found, and which choices are.
 
     Args:
         camera: Gives the neutrals.
@@ -34,16 +44,32 @@ def read(camera: Nominal) -> dict[str, float]:
         raise refusal("detection limits", rule, FILE, f"{error}. {_ADVICE}") from error
     if not isinstance(told, dict):
         raise refusal("detection limits", "must be a table", type(told).__name__, _ADVICE)
-    found = {}
-    for name, sides in told.items():
+    departures, choices = {}, {}
+    for name, limit in told.items():
         row = ROWS.get(name)
-        if row is None or row.scale == "choice":
+        if row is None:
             continue
-        if not isinstance(sides, list) or len(sides) != 2:
-            raise refusal(f"limit of {name}", "must have two sides", sides, _ADVICE)
-        known = [side for side in sides if side is not None]
-        if not all(isinstance(side, int | float) for side in known):
-            raise refusal(f"limit of {name}", "must be numbers", sides, _ADVICE)
-        departures = (row.departure(camera, float(side)) for side in known)
-        found[name] = max(departures, default=float("inf"))
-    return found
+        if row.scale == "choice":
+            choices[name] = _choices(row, limit)
+        else:
+            departures[name] = _departure(row, limit, camera)
+    return Limits(departures=departures, choices=choices)
+
+
+def _departure(row: Row, sides: Any, camera: Nominal) -> float:
+    if not isinstance(sides, list) or len(sides) != 2:
+        raise refusal(f"limit of {row.name}", "must have two sides", sides, _ADVICE)
+    known = [side for side in sides if side is not None]
+    if not all(isinstance(side, int | float) for side in known):
+        raise refusal(f"limit of {row.name}", "must be numbers", sides, _ADVICE)
+    return max((row.departure(camera, float(side)) for side in known), default=float("inf"))
+
+
+def _choices(row: Row, told: Any) -> tuple[float, ...]:
+    """Those of a row's that are found; of words, whose numbers are a page's own, all if any is."""
+    found = told.get("found") if isinstance(told, dict) else None
+    if not isinstance(found, list):
+        raise refusal(f"limit of {row.name}", "must be a list of choices", told, _ADVICE)
+    if any(isinstance(one, str) for one in found):
+        return row.choices
+    return tuple(one for one in row.choices if one in found)

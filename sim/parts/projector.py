@@ -25,10 +25,11 @@ class Projector:
     # Direction cosines of the light about the emitter's axis, over those of the pattern as given:
     # a diffractive element's grow with the wavelength.
     pattern_scale: float = 1.0
-    pattern_seed: int = 0  # Seed of the generator, and of which dots have faults.
+    pattern_seed: int = 0  # Seed of the generator.
     dot_density: float = 1.0  # Dots in a solid angle over the generator's own; power is shared.
     dropped_dots: float = 0.0  # Share of the dots that are dark; their light is lost.
     shifted_dots_mrad: float = 0.0  # Sigma of the dots' displacement on each axis [mrad].
+    faults_seed: int = 0  # Of which dots have faults, and where to: one device's of a pattern.
     dot_blur_mrad: float = 0.0  # Sigma by which dots are wider than the pattern's [mrad].
     # Sigma [mrad] per difference of |1/z - 1/focus_m| [1/m], z along the projector's axis: a
     # quarter of the width of a uniform aperture [mm]. Surfaces within 0.1 m count as at 0.1 m.
@@ -62,6 +63,7 @@ class Projector:
         errors.in_interval("projector.dot_density", self.dot_density, 0.02, 20.0, "1 is its own.")
         errors.in_interval("projector.dropped_dots", self.dropped_dots, 0.0, 0.99)
         errors.in_interval("projector.shifted_dots_mrad", self.shifted_dots_mrad, 0.0, 100.0)
+        errors.in_interval("projector.faults_seed", self.faults_seed, 0, 2**31 - 1)
         errors.in_interval("projector.dot_blur_mrad", self.dot_blur_mrad, 0.0, 50.0)
         errors.in_interval("projector.defocus_mrad_m", self.defocus_mrad_m, 0.0, 5.0)
         errors.in_interval("projector.focus_m", self.focus_m, 0.1, 1e4, "Give the distance [m].")

@@ -205,6 +205,29 @@ def searched(
     )
 
 
+def test_an_effect_is_simulated_where_it_fits_before_others_are_preferred():
+    """Between its nodes it does more than a straight line; a rival's node is right by chance."""
+    aside = np.random.default_rng(5).standard_normal((SCENES, FEATURES))
+    rival = np.stack([value / 0.2 * MADE["veil"].at(1.5) for value in VALUES])
+    rival[1] += 0.05 * aside
+
+    class Bent(FakeBench):
+        def change(self, settings: dict[str, Any]) -> np.ndarray | None:
+            table = super().change(settings)
+            place = np.interp(settings.get("veil", 0), VALUES, range(len(VALUES)))
+            bump = max(0.0, 1 - 2 * abs(float(place) - 1.5))
+            return table if table is None else table + 0.08 * bump * aside
+
+    bench = Bent({**MADE, "dot_blur": Signature(candidate("dot_blur"), VALUES, rival)})
+    likelihood = likelihood_of({"veil": 0.35}, 9, bench=bench)
+    rough = [fit(one, likelihood, HELD) for one in bench.made.values()]
+    assert max(rough, key=lambda one: one.total).name == "dot_blur"
+    found = searched({"veil": 0.35}, bench=bench, names=(*NAMES, "dot_blur"))
+    (accepted,) = found.accepted
+    assert accepted.fit.name == "veil"
+    assert accepted.fit.value == pytest.approx(0.35, abs=0.03)
+
+
 def test_an_effect_and_its_double_cannot_be_told_apart():
     double = Signature(candidate("dot_blur"), VALUES, MADE["lens_blur"].change * 1.3)
     bench = FakeBench({**MADE, "dot_blur": double})
@@ -231,15 +254,15 @@ def test_first_tries_are_weak_and_strong_ones_to_each_side():
 
 @pytest.mark.parametrize("drawn, left", [(0.0, 0.0), (1.0, 0.5)])
 def test_what_is_drawn_anew_leaves_some_of_itself(drawn, left):
-    """A light of 1 +- 1 by the seed; one that keeps still leaves nothing, as no effect does."""
+    """A light of 1 +- 1 by the device; one that keeps still leaves nothing, as no effect does."""
 
     class Bench:
-        def simulated(self, settings: dict[str, float], *, seed: int) -> np.ndarray:
-            made = 1 + drawn * (-1) ** seed if settings else 0
-            return made * np.ones((SCENES, FEATURES)) + noise(seed)
+        def another(self, settings: dict[str, float], *, number: int) -> np.ndarray:
+            made = 1 + drawn * (-1) ** number if settings else 0
+            return made * np.ones((SCENES, FEATURES)) + noise(number)
 
         def change(self, settings: dict[str, float]) -> np.ndarray:
-            return self.simulated(settings, seed=0) - self.simulated({}, seed=0)
+            return self.another(settings, number=0) - self.another({}, number=0)
 
     likelihood = BASE.likelihood(noise(3), ONES)
     size = arm._drawn_anew(Bench(), likelihood, {"flicker": 0.1})  # type: ignore[arg-type]

@@ -85,10 +85,11 @@ def test_neutral_light_is_the_patterns_own_bits():
     assert np.array_equal(projector.irradiance_at_unit_distance(part), image * scale)
 
 
-def test_faults_belong_to_the_pattern_and_its_seed():
+@pytest.mark.parametrize("name", ["pattern_seed", "faults_seed"])
+def test_faults_belong_to_the_pattern_and_its_device(name):
     worn = Projector(dropped_dots=0.3, shifted_dots_mrad=2.0, fov_x_deg=60.0, fov_y_deg=40.0)
     first, again, other = (
-        projector.irradiance_at_unit_distance(dataclasses.replace(worn, pattern_seed=seed))
+        projector.irradiance_at_unit_distance(dataclasses.replace(worn, **{name: seed}))
         for seed in (0, 0, 1)
     )
     assert np.array_equal(first, again)

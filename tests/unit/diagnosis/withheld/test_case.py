@@ -16,6 +16,7 @@ from diagnosis.withheld import case, seal
 from diagnosis.withheld.case import Case, draw
 from diagnosis.withheld.catalogue import ROWS, SECONDARY, Strengths
 from diagnosis.withheld.errors import WithheldError
+from diagnosis.withheld.limits import Limits
 from diagnosis.withheld.nominal import Nominal
 from sim import effects
 
@@ -92,7 +93,7 @@ def test_the_lot(camera: Nominal) -> None:
 
 
 def test_strengths_are_log_uniform_from_the_limit(camera: Nominal) -> None:
-    limit = {"vertical_offset": 0.3}
+    limit = Limits(departures={"vertical_offset": 0.3}, choices={})
     others = [row.name for row in ROWS.values() if row.name != "vertical_offset"]
     drawn = draw(camera, {"single": 800}, limits=limit, leave_out=others, entropy=1)
     values = np.array([each.settings["vertical_offset"] for each in drawn])
@@ -101,6 +102,32 @@ def test_strengths_are_log_uniform_from_the_limit(camera: Nominal) -> None:
     assert place.min() > 0 and place.max() < 1
     assert np.mean(place) == pytest.approx(0.5, abs=0.04)
     assert np.var(place) == pytest.approx(1 / 12, rel=0.12)
+
+
+def test_choices_that_are_not_found_are_not_drawn(camera: Nominal) -> None:
+    found = Limits(departures={}, choices={"median": (), "search_range": (16, 48)})
+    post = [row for row in ROWS.values() if row.name in {"median", "search_range"}]
+    others = [row.name for row in ROWS.values() if row not in post]
+    drawn = draw(
+        camera, {"single": 40}, limits=found, kinds=("post",), leave_out=others, entropy=1
+    )
+    assert {tuple(each.settings.items()) for each in drawn} == {
+        (("search_range", 16.0),),
+        (("search_range", 48.0),),
+    }
+
+
+def test_what_does_more_the_smaller_it_is_is_drawn_from_its_limit_down(camera: Nominal) -> None:
+    """At a limit of 8 px there are no wider jumps."""
+    row = ROWS["edge_jump"]
+    assert row.departure(camera, 8.0) == 1 / 8 and row.departure(camera, 0.0) == 0
+    limit = Limits(departures={"edge_jump": 1 / 8}, choices={})
+    others = [row.name for row in ROWS.values() if row.name != "edge_jump"]
+    drawn = draw(
+        camera, {"single": 200}, limits=limit, kinds=("post",), leave_out=others, entropy=1
+    )
+    values = np.array([each.settings["edge_jump"] for each in drawn])
+    assert 1 <= values.min() < 1.2 and 7 < values.max() <= 8
 
 
 def test_other_kinds_of_effects_can_be_drawn(camera: Nominal) -> None:

@@ -17,16 +17,37 @@ from diagnosis.withheld.nominal import Nominal
 def test_a_limit_is_to_the_side_that_is_found_later(
     camera: Nominal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Choices and effects unknown here have none; what is never found is infinitely far."""
-    told = {"gamma": [0.9, 1.3], "veil": [None, None], "sunlight": [None, 2], "median": [0, 5]}
+    """Effects unknown here have none; what is never found is infinitely far."""
+    told = {"gamma": [0.9, 1.3], "veil": [None, None], "sunlight": [None, 2], "edge_jump": [4, None]}
     _told(told, tmp_path, monkeypatch)
-    assert limits.read(camera) == {"gamma": pytest.approx(0.3), "veil": float("inf")}
+    found = limits.read(camera)
+    assert found.departures == {
+        "gamma": pytest.approx(0.3),
+        "veil": float("inf"),
+        "edge_jump": 0.25,
+    }
+    assert found.choices == {}
+
+
+def test_choices_are_those_that_are_found(
+    camera: Nominal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Words have other numbers on an effect's page: any one stands for all."""
+    told = {
+        "search_range": {"found": [16, 48, 200]},
+        "hole_filling": {"found": ["left"]},
+        "median": {"found": []},
+    }
+    _told(told, tmp_path, monkeypatch)
+    found = limits.read(camera)
+    assert found.departures == {}
+    assert found.choices == {"search_range": (16, 48), "hole_filling": (1, 2, 3), "median": ()}
 
 
 def test_the_shipped_file_knows_the_table(camera: Nominal) -> None:
     found = limits.read(camera)
-    assert {"gamma", "lens_blur", "read_noise"} <= found.keys() <= ROWS.keys()
-    assert all(departure > 0 for departure in found.values())
+    assert {"gamma", "lens_blur", "read_noise"} <= found.departures.keys() <= ROWS.keys()
+    assert all(departure > 0 for departure in found.departures.values())
 
 
 @pytest.mark.parametrize(
@@ -35,6 +56,8 @@ def test_the_shipped_file_knows_the_table(camera: Nominal) -> None:
         ([1], "detection limits must be a table; got list"),
         ({"veil": ["a", None]}, "limit of veil must be numbers"),
         ({"veil": [0.1]}, "limit of veil must have two sides"),
+        ({"median": [0, 5]}, "limit of median must be a list of choices"),
+        ({"median": {"found": 5}}, "limit of median must be a list of choices"),
     ],
 )
 def test_damaged_limits(
