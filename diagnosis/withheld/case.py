@@ -78,9 +78,7 @@ def draw(
     skip = set(leave_out)
     check_names(dict.fromkeys(skip, 0.0))
     rng = lot(entropy)
-    drawer = _Drawer(
-        rng=rng, nominal=nominal, limits=limits, upwards=frozenset(upwards)
-    )
+    drawer = _Drawer(rng=rng, nominal=nominal, limits=limits, upwards=frozenset(upwards))
     known = drawer.able(row for row in ROWS.values() if row.kind in kinds and row.name not in skip)
     strange = drawer.able(
         row for row in ROWS.values() if row.kind == "outside" and row.name not in skip

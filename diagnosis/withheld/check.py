@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -10,14 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from diagnosis.withheld import case, limits, power, score, seal
+from diagnosis.withheld.answered import Answered
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.errors import refusal
+from diagnosis.withheld.figure import figure
 from diagnosis.withheld.real_pairs import RealPairs
 from diagnosis.withheld.rendered import Rendered
 from diagnosis.withheld.scene_set import SceneSet
 from diagnosis.withheld.source import Source
 from diagnosis.withheld.tier import Tier
+from diagnosis.withheld.verdict import Arm
 
 # The diagnosis does not try them: they show in repeats alone, or change the image's size.
 NOT_TRIED = ("decimation", "temporal_filter")
@@ -44,6 +48,9 @@ class Check:
             raise refusal("captures and sensor", rule, got, "Real pairs are a real camera's.")
         if self._real and not self.infrared:
             raise refusal("tier 4", "must have infrared", "none", "It has no depth of its own.")
+        if self.tier.arm == "image" and not self.infrared:
+            rule, advice = "must have infrared", "Its images alone are scored."
+            raise refusal(f"tier {self.tier.number}", rule, "none", advice)
         if self._real and self.power:
             raise refusal("power", "must be asked of rendered light", "tier 4", "Ask tier 1.")
 
@@ -136,15 +143,19 @@ class Check:
         for one in self.sets:
             answered += one.answered(self._of(cases, one.number))
             again += one.answered(self._of(left_out, one.number), left_out=True)
+        told = {}
+        if (arm := self.tier.arm) is not None:
+            told["matcher_noticed"] = _noticed(answered)
+            answered, again = _of_arm(answered, arm), _of_arm(again, arm)
         path = self.place / "opened"
         opened = len(path.read_text(encoding="utf-8").splitlines()) + 1 if path.exists() else 1
         with path.open("a", encoding="utf-8") as file:
             file.write(f"{opened}: {len(answered)} and {len(again)} verdicts\n")
         camera = self.sets[0].source.camera
         if self.power:
-            told = {"tier": self.tier.number, "power": power.curves(answered, camera)}
+            told |= {"tier": self.tier.number, "power": power.curves(answered, camera)}
         else:
-            told = score.score(answered, camera, tier=self.tier.number, left_out=again)
+            told |= score.score(answered, camera, tier=self.tier.number, left_out=again)
         return {**told, "infrared": self.infrared, "opened": opened}
 
     def _drawn(self, singles: int | None) -> tuple[Case, ...]:
@@ -181,6 +192,15 @@ class Check:
         with ProcessPoolExecutor(self.jobs, mp_context=context) as pool:
             for done in [pool.submit(work, *each) for each in arguments]:
                 done.result()
+
+
+def _noticed(answered: Sequence[Answered]) -> float | None:
+    """Share of cases whose device's matcher, which is not ours, was noticed."""
+    return figure(answered, lambda one: one.verdict.of_arm("depth").kind != "no gap").value
+
+
+def _of_arm(answered: Sequence[Answered], arm: Arm) -> list[Answered]:
+    return [dataclasses.replace(one, verdict=one.verdict.of_arm(arm)) for one in answered]
 
 
 def _prepare(of: SceneSet) -> None:

@@ -44,6 +44,7 @@ def text(scores: Mapping[str, Any]) -> str:
     parts = [
         ("", [f"Withheld effects, tier {scores['tier']}: {counts}; {scores['seconds']:.0f} s"]),
         ("", _goals(scores)),
+        ("", _matcher(scores.get("matcher_noticed"))),
         ("", _rows(scores["by_effect"], "effect done alone")),
         ("", _rows(scores["closed_by_metric"], "gap closed [%], one or two effects")),
         ("", _rows(scores["baselines"], "simpler ways, one effect")),
@@ -84,6 +85,12 @@ def _goals(scores: Mapping[str, Any]) -> list[str]:
             ]
         )
     return _columns(rows)
+
+
+def _matcher(noticed: float | None) -> list[str]:
+    if noticed is None:
+        return []
+    return [f"scored is the image alone; that the matcher is another was noticed: {noticed:.2f}"]
 
 
 def _rows(table: Mapping[str, Mapping[str, Any]], title: str) -> list[str]:

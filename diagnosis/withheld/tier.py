@@ -10,6 +10,7 @@ from typing import Literal
 from diagnosis.withheld.case import CaseKind
 from diagnosis.withheld.catalogue import Kind
 from diagnosis.withheld.errors import refusal
+from diagnosis.withheld.verdict import Arm
 
 Source = Literal["starling", "cycles", "real"]
 
@@ -30,6 +31,8 @@ class Tier:
     counts: Mapping[CaseKind, int]
     left_out: int = 0  # Singles that are diagnosed again without their effect's family.
     kinds: tuple[Kind, ...] = ("image", "post")
+    # What is scored; None: all that is said. Another matcher differs in every case, null or not.
+    arm: Arm | None = None
 
     def names(self, number: int) -> list[str]:
         """Builtin scenes of a set."""
@@ -76,6 +79,7 @@ TIERS = {
         counts={"single": 24, "null": 20, "pair": 12, "unknown": 9},
         left_out=15,
         kinds=("image",),
+        arm="image",
     ),
     3: Tier(
         number=3,

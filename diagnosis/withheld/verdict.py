@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Mapping
@@ -50,6 +51,7 @@ class Verdict:
 
     kind: Kind
     effects: tuple[Named, ...]  # The largest gain first.
+    unexplained: Mapping[Arm, bool]  # Whether an arm has more left than it can explain.
     closed_pct: Mapping[str, float | None]  # By metric; None where nothing can be closed.
     baselines: Mapping[str, str | None]  # What simpler ways would have named.
     seconds: float
@@ -76,6 +78,20 @@ class Verdict:
             return self.closed_pct[_HEADLINE + self.first.arm]
         all_arms = (self.closed_pct.get(_HEADLINE + arm) for arm in _ARMS)
         return next((share for share in all_arms if share is not None), None)
+
+    def of_arm(self, arm: Arm) -> Verdict:
+        """What was said of one arm alone.
+
+        Raises:
+            WithheldError: if it was not asked.
+        """
+        if arm not in self.unexplained:
+            raise refusal("arm", f"must be one of {sorted(self.unexplained)}", arm, _ADVICE)
+        effects = tuple(one for one in self.effects if one.arm == arm)
+        kind: Kind = "effects" if effects else "no gap"
+        if self.unexplained[arm]:
+            kind = "none of the known"
+        return dataclasses.replace(self, kind=kind, effects=effects)
 
 
 def row_of(name: str) -> str:
@@ -114,14 +130,19 @@ def from_table(table: Any, *, name: str = "verdict") -> Verdict:
     seconds = top.at("seconds").number()
     if seconds < 0:
         raise refusal(f"{name}.seconds", "must be >= 0", seconds, _ADVICE)
-    howfar, baselines = top.at("howfar"), top.at("baselines")
+    howfar, baselines, left = top.at("howfar"), top.at("baselines"), top.at("left")
     return Verdict(
         kind=kind,
         effects=tuple(effects),
+        unexplained={_Part("arm", arm).one_of(_ARMS): _more(left.at(arm)) for arm in left.table()},
         closed_pct={key: howfar.at(key).at("closed_pct").share() for key in howfar.table()},
         baselines={key: baselines.at(key).text_or_none() for key in baselines.table()},
         seconds=seconds,
     )
+
+
+def _more(part: _Part) -> bool:
+    return part.at("after").number() > part.at("below").number()
 
 
 def _named(part: _Part) -> Named:

@@ -167,6 +167,21 @@ def test_without_infrared_depth_alone_is_diagnosed(done, tmp_path):
     assert bare.scored(cases)["false_alarm"] == 0
 
 
+def test_another_matcher_is_noticed_and_is_no_alarm_of_the_image(done, tmp_path):
+    one, _ = done
+    asked = {"sets": 1, "counts": {"null": 2}, "left_out": 0, "matcher": "own", "arm": "image"}
+    other = dataclasses.replace(SMALL, **asked)
+    run = Check(out=tmp_path, tier=other, blender=Path("none"), jobs=1)
+    (tmp_path / "set-0").mkdir()
+    (tmp_path / "set-0" / "light").symlink_to(one.sets[0].source.light)
+    cases = run.prepared()
+    run.diagnosed(cases)
+    scores = run.scored(cases)
+    assert scores["matcher_noticed"] == 1 and scores["false_alarm"] == 0
+    with pytest.raises(WithheldError, match="tier 1 must have infrared; got none"):
+        dataclasses.replace(run, infrared=False)
+
+
 def test_effects_in_real_pairs_are_diagnosed_against_the_pairs(done, tmp_path):
     """The pairs are of another seed's camera; nothing but pixels is known of them."""
     one, _ = done

@@ -175,6 +175,10 @@ def say() -> Say:
         return {
             "verdict": kind,
             "effects": list(effects),
+            "left": {
+                "image": {"after": 2.0 if kind == "none of the known" else 0.5, "below": 1.0},
+                "depth": {"after": 0.1, "below": 1.0},
+            },
             "howfar": {metric: {**figures, "interval": [80.0, 95.0]}},
             "baselines": baselines,
             "seconds": 2.0,

@@ -108,9 +108,7 @@ def test_choices_that_are_not_found_are_not_drawn(camera: Nominal) -> None:
     found = Limits(departures={}, choices={"median": (), "search_range": (16, 48)})
     post = [row for row in ROWS.values() if row.name in {"median", "search_range"}]
     others = [row.name for row in ROWS.values() if row not in post]
-    drawn = draw(
-        camera, {"single": 40}, limits=found, kinds=("post",), leave_out=others, entropy=1
-    )
+    drawn = draw(camera, {"single": 40}, limits=found, kinds=("post",), leave_out=others, entropy=1)
     assert {tuple(each.settings.items()) for each in drawn} == {
         (("search_range", 16.0),),
         (("search_range", 48.0),),

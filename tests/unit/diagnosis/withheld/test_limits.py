@@ -18,7 +18,12 @@ def test_a_limit_is_to_the_side_that_is_found_later(
     camera: Nominal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Effects unknown here have none; what is never found is infinitely far."""
-    told = {"gamma": [0.9, 1.3], "veil": [None, None], "sunlight": [None, 2], "edge_jump": [4, None]}
+    told = {
+        "gamma": [0.9, 1.3],
+        "veil": [None, None],
+        "sunlight": [None, 2],
+        "edge_jump": [4, None],
+    }
     _told(told, tmp_path, monkeypatch)
     found = limits.read(camera)
     assert found.departures == {

@@ -58,7 +58,11 @@ def test_text_of_nothing(camera: Nominal) -> None:
     written = text(score([], camera, tier=4))
     assert written.startswith("Withheld effects, tier 4: 0 null, 0 single, 0 pair, 0 unknown; 0 s")
     assert written.endswith("\n\nFailures, 0:\nnone\n")
-    assert "Answers by truth" not in written
+    assert "Answers by truth" not in written and "matcher" not in written
+    noticed = text({**score([], camera, tier=2), "matcher_noticed": 0.95})
+    assert (
+        "\n\nscored is the image alone; that the matcher is another was noticed: 0.95\n" in noticed
+    )
 
 
 def test_text_of_power_curves(say: Make, answer: Make, camera: Nominal) -> None:

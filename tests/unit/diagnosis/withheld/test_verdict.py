@@ -48,6 +48,21 @@ def test_headline_is_that_of_the_first_effects_arm(effect: Make, say: Make) -> N
     assert verdict.from_table(say("no gap", metric="ndp_brier")).headline_pct is None
 
 
+def test_one_arm_is_taken_alone(effect: Make, say: Make) -> None:
+    """A gap of matcher and filters leaves the image without one, and the other way round."""
+    said = say("none of the known", effect("median", 3, arm="depth"), effect("veil", gain=3.0))
+    said["left"]["image"]["after"] = 0.2
+    said["left"]["depth"]["after"] = 1.2
+    read = verdict.from_table(said)
+    image, depth = read.of_arm("image"), read.of_arm("depth")
+    assert image.kind == "effects" and [one.name for one in image.named] == ["veil"]
+    assert depth.kind == "none of the known" and [one.name for one in depth.effects] == ["median"]
+    alone = verdict.from_table(say("effects", effect("median", 3, arm="depth")))
+    assert alone.of_arm("image").kind == "no gap"
+    with pytest.raises(WithheldError, match=r"arm must be one of \['depth', 'image'\]; got whole"):
+        read.of_arm("whole")
+
+
 DAMAGE: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "no verdict": (lambda s: s.pop("verdict"), "verdict must have the key verdict; got ['base"),
     "kind": (lambda s: s.update(verdict="fine"), "verdict.verdict must be one of ('effects', "),
@@ -66,6 +81,8 @@ DAMAGE: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "ends": (lambda s: s["effects"][0].update(interval=[1]), "two words; got [1.0]. Let"),
     "order": (lambda s: s["effects"][0].update(interval=[2, 1]), "two words; got [2.0, 1.0]."),
     "mixed": (lambda s: s["effects"][0].update(interval=["a", 1]), "two words; got ['a', 1.0]."),
+    "side": (lambda s: s["left"].update(up={}), "arm must be one of ('image', 'depth', 'whole'); "),
+    "left": (lambda s: s["left"]["image"].pop("below"), "left.image must have the key below; got"),
     "howfar": (lambda s: s.update(howfar={"a": {}}), "howfar.a must have the key closed_pct; got"),
     "share": (lambda s: s["howfar"].update(a={"closed_pct": "b"}), "a finite number; got 'b'."),
     "baseline": (lambda s: s.update(baselines={"cosine": 1}), "cosine must be a name; got 1. Let"),
