@@ -25,9 +25,10 @@ from diagnosis import crew, named, program
 from diagnosis.subject import subject
 from diagnosis.which import null
 from diagnosis.which.arm import Screen
+from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm
 from diagnosis.which.fit import fit, places
-from diagnosis.which.signature import Signature
+from diagnosis.which.signature import Signature, signature
 from sim import capture, progress, sensors
 from sim.effects.effect import Value
 from sim.sensor import Sensor
@@ -62,17 +63,26 @@ def limits(
     found: dict[str, Limits] = {}
     for arm in named.open_arms(asked):
         place = None if arm is Arm.DEPTH else cache
-        _, screen = named.screened(arm, asked, None, always=True, cache=place, tell=tell)
-        found |= {one.name: _limits(one, screen) for one in screen.rough}
+        table, screen = named.screened(arm, asked, None, always=True, cache=place, tell=tell)
+        found |= {one.name: _limits(one, table, screen) for one in screen.rough}
     return found
 
 
-def _limits(of: Signature, screen: Screen) -> Limits:
+def _limits(of: Signature, table: Bench, screen: Screen) -> Limits:
+    if not of.candidate.numeric:
+        others = range(len(of.values))
+        found = [of.value(place) for place in others if _found(of, place, screen)]
+        return {"found": [value for value in found if value != of.candidate.base]}
+    sides = _sides(of, screen)
+    if None in sides:  # The strongest of a first try is not the strongest there is.
+        whole = signature(of.candidate, table, of.candidate.nodes)
+        sides = sides if whole is None else _sides(whole, screen)
+    return sides
+
+
+def _sides(of: Signature, screen: Screen) -> tuple[Value | None, Value | None]:
     tried = places(of, _STEPS)
     base = float(of.values.index(of.candidate.base))
-    if not of.candidate.numeric:
-        others = (float(place) for place in tried if place != base)
-        return {"found": [of.value(place) for place in others if _found(of, place, screen)]}
     below, above = tried[tried < base][::-1], tried[tried > base]
     return _least(of, below, screen), _least(of, above, screen)
 

@@ -62,7 +62,9 @@ def _departure(row: Row, sides: Any, camera: Nominal) -> float:
     known = [side for side in sides if side is not None]
     if not all(isinstance(side, int | float) for side in known):
         raise refusal(f"limit of {row.name}", "must be numbers", sides, _ADVICE)
-    return max((row.departure(camera, float(side)) for side in known), default=float("inf"))
+    least = max((row.departure(camera, float(side)) for side in known), default=float("inf"))
+    # From off to its weakest value is a leap, in which no strength was simulated.
+    return max(least, row.low) if row.scale == "inverse" else least
 
 
 def _choices(row: Row, told: Any) -> tuple[float, ...]:

@@ -19,6 +19,7 @@ from learning.training.learner import Draw, Learner, initialised, sparing
 from learning.training.settings import Settings
 from learning.training.translation import (
     ADVERSARIAL,
+    DEPTH,
     PatchDiscriminator,
     TranslationPredictor,
     Translator,
@@ -101,6 +102,7 @@ class CycleGan:
             CycleGanLearner(generators, discriminators, self.settings),
             "spoil",
             self.settings,
+            sight=DEPTH,
             name=self.name,
             folder=folder,
             seed=seed,
@@ -113,4 +115,4 @@ class CycleGan:
         Raises:
             InputError: as `learning.training.weights.load`.
         """
-        return load_translation(folder, self.name)
+        return load_translation(folder, self.name, Translator(), DEPTH)

@@ -1,6 +1,10 @@
 """pix2pix, the seed's first baseline: paired translation from reference depth to device depth.
 
 Source: Isola et al., Image-to-image translation with conditional adversarial networks, CVPR 2017.
+What is different is what rare holes ask for. The error is squared, not taken absolute: the absolute
+one is least at the median, which where fewer than half of the pixels alike are holes is depth; so
+trained it learnt nothing of a D415's holes, 2 % of the pixels (AUC 0.51). And the generator sees
+what our network sees, and keeps or loses each depth instead of drawing it.
 """
 
 from __future__ import annotations
@@ -11,27 +15,65 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
-from learning.example import Example
-from learning.training.learner import Draw, Learner, initialised, mean, sparing
+from learning.example import Example, Image
+from learning.training import channels
+from learning.training.learner import (
+    STEEPEST,
+    Draw,
+    Learner,
+    initialised,
+    mean,
+    one_cycle,
+    sparing,
+)
 from learning.training.settings import Settings
 from learning.training.translation import (
-    ADVERSARIAL,
     PatchDiscriminator,
+    Sight,
     TranslationPredictor,
-    Translator,
     adversary,
+    depth_image,
     descend,
     fit_translation,
     judged,
-    linear_decay,
     load_translation,
 )
+from learning.unet import UNet
 from sim import progress
 
-L1_WEIGHT = 100.0  # Against the discriminator's verdict (Isola et al., sec. 3.3).
+SQUARE_WEIGHT = 100.0  # Against the discriminator's verdict (Isola et al., sec. 3.3).
+SETTINGS = Settings(steps=1000, batch=4, rate=1e-3)
+_TOLD_RATE = 0.2  # Of the discriminator's learning rate over the generator's.
+_KEPT = 4.0  # Logit of a depth that is kept, before anything is learnt.
+
+
+def _see(example: Example) -> Image:
+    seen = channels.channels(example, with_reflectance=False, with_physics=False)
+    return np.concatenate([depth_image(example), seen])
+
+
+_GEOMETRY = channels.names(with_reflectance=False, with_physics=False)
+SIGHT = Sight(
+    names=("depth", *_GEOMETRY),
+    odd=tuple(1 + _GEOMETRY.index(name) for name in channels.ODD),
+    see=_see,
+)
+
+
+class Keeper(nn.Module):
+    """Depth image and geometry (b, c, h, w) to a depth image (b, 1, h, w) that has lost some."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.unet = UNet(len(_GEOMETRY))
+        self.unet.start_at(_KEPT)
+
+    def forward(self, seen: Tensor) -> Tensor:
+        return seen[:, :1] * torch.sigmoid(self.unet(seen[:, 1:]))
 
 
 class Pix2PixLearner(Learner):
@@ -43,20 +85,21 @@ class Pix2PixLearner(Learner):
         self.settings = settings
 
     def update(self, draw: Draw, step: int) -> dict[str, float]:
-        self.set_rate(linear_decay(step, self.settings))
+        rate = one_cycle(step, self.settings)
+        self.set_rates(rate, _TOLD_RATE * rate)
         batch = draw("crops")
-        discriminator = self.networks["discriminator"]
+        depth, discriminator = batch.seen[:, :1], self.networks["discriminator"]
         with sparing(batch.seen.device):
             made = self.networks["generator"](batch.seen)
-            apart = (mean((made - batch.target).abs(), batch.counted)).float()
-            fooled = judged(discriminator(torch.cat([batch.seen, made], 1)), True)
-        descend(self.optimizers[0], L1_WEIGHT * apart + fooled)
+            apart = mean((made - batch.target).float() ** 2, batch.counted)
+            fooled = judged(discriminator(torch.cat([depth, made], 1)), True)
+        descend(self.optimizers[0], SQUARE_WEIGHT * apart + fooled, steepest=STEEPEST)
         with sparing(batch.seen.device):
-            real = judged(discriminator(torch.cat([batch.seen, batch.target], 1)), True)
-            false = judged(discriminator(torch.cat([batch.seen, made.detach()], 1)), False)
+            real = judged(discriminator(torch.cat([depth, batch.target], 1)), True)
+            false = judged(discriminator(torch.cat([depth, made.detach()], 1)), False)
         told = (real + false) / 2
         descend(self.optimizers[1], told)
-        return {"l1": apart.item(), "fooled": fooled.item(), "told": told.item()}
+        return {"square": apart.item(), "fooled": fooled.item(), "told": told.item()}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -64,7 +107,7 @@ class Pix2Pix:
     """How it learns."""
 
     name: ClassVar[str] = "pix2pix"
-    settings: Settings = ADVERSARIAL
+    settings: Settings = SETTINGS
 
     def fit(
         self,
@@ -79,13 +122,14 @@ class Pix2Pix:
         Raises:
             InputError: as `learning.training.translation.fit_translation`.
         """
-        generator = initialised(Translator, seed)
+        generator = initialised(Keeper, seed)
         discriminator = initialised(partial(PatchDiscriminator, 2), seed)
         return fit_translation(
             examples,
             Pix2PixLearner(generator, discriminator, self.settings),
             "generator",
             self.settings,
+            sight=SIGHT,
             name=self.name,
             folder=folder,
             seed=seed,
@@ -98,4 +142,4 @@ class Pix2Pix:
         Raises:
             InputError: as `learning.training.weights.load`.
         """
-        return load_translation(folder, self.name)
+        return load_translation(folder, self.name, Keeper(), SIGHT)

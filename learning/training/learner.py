@@ -17,7 +17,7 @@ from learning.training.settings import Settings
 Draw = Callable[[str], Batch]  # Gives the crops of this step for a part of the training.
 
 _WARM_UP = 0.1  # Share of the steps in which the rate rises.
-_STEEPEST = 1.0  # Gradients longer than this are cut to it.
+STEEPEST = 1.0  # Gradients longer than this are cut to it.
 
 
 def device() -> torch.device:
@@ -63,7 +63,11 @@ class Learner(ABC):
 
     def set_rate(self, rate: float) -> None:
         """Give all optimizers one learning rate."""
-        for optimizer in self.optimizers:
+        self.set_rates(*[rate] * len(self.optimizers))
+
+    def set_rates(self, *rates: float) -> None:
+        """Give each optimizer its learning rate."""
+        for optimizer, rate in zip(self.optimizers, rates, strict=True):
             for group in optimizer.param_groups:
                 group["lr"] = rate
 
@@ -93,7 +97,7 @@ class HoleLearner(Learner):
             loss = log_loss(self.networks, batch)
         self.optimizers[0].zero_grad()
         loss.backward()
-        nn.utils.clip_grad_norm_(self.networks.parameters(), _STEEPEST)
+        nn.utils.clip_grad_norm_(self.networks.parameters(), STEEPEST)
         self.optimizers[0].step()
         return {"log_loss": loss.item()}
 

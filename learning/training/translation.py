@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,7 +28,6 @@ from sim import progress
 
 UNIT_M = 4.0  # Depth of value 1 in the images [m].
 FARTHEST_M = 16.0  # Greater depths look like this one [m].
-SEEN = ("depth",)
 # The rate of Isola et al. and Zhu et al.; ten times higher the adversaries run away.
 ADVERSARIAL = Settings(steps=3000, batch=4, rate=2e-4)
 _BETAS = (0.5, 0.999)  # Likewise.
@@ -76,12 +76,22 @@ def judged(logit: Tensor, real: bool) -> Tensor:
     return ((logit.float() - float(real)) ** 2).mean()
 
 
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Sight:
+    """What a translator is given of a scene: the depth image first."""
+
+    names: tuple[str, ...]
+    odd: tuple[int, ...]  # Those that change sign upside down.
+    see: Callable[[Example], Image]  # (c, h, w)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TranslationPredictor:
     """A translator; its answer is always the same, so its probabilities are no frequencies."""
 
     network: nn.Module
     shape: tuple[int, int]  # (h, w) learnt from.
+    sight: Sight
 
     def depth_m(self, example: Example) -> Image:
         """The device's depth (h, w) [m] as the network draws it, below 0 and all.
@@ -90,7 +100,7 @@ class TranslationPredictor:
             InputError: if the example has another size than was learnt from.
         """
         check_same_size(example, self.shape)
-        return inference.apply(self.network, depth_image(example)) * np.float32(UNIT_M)
+        return inference.apply(self.network, self.sight.see(example)) * np.float32(UNIT_M)
 
     def probability(self, example: Example) -> Image:
         """How far each depth has gone from the reference towards zero, (h, w), 0 to 1.
@@ -122,12 +132,16 @@ def depth_image(example: Example) -> Image:
     return (depth / UNIT_M).astype(np.float32)[None]
 
 
+DEPTH = Sight(names=("depth",), odd=(), see=depth_image)
+
+
 def fit_translation(
     examples: Sequence[Example],
     learner: Learner,
     generator: str,
     settings: Settings,
     *,
+    sight: Sight,
     name: str,
     folder: Path,
     seed: int,
@@ -141,6 +155,7 @@ def fit_translation(
         learner: the adversaries.
         generator: which of its networks is used in the end.
         settings: steps, batches and rates.
+        sight: what the generator is given.
         name: the method's.
         folder: gets checkpoint, loss curve and weights.
         seed: fixes the crops.
@@ -149,31 +164,32 @@ def fit_translation(
     Raises:
         InputError: as `learning.training.samples.collect` and `learning.training.loop.train`.
     """
-    samples = _samples(examples, tell)
+    samples = _samples(examples, sight, tell)
     kind = f"{name} training"
     learnt = train(learner, samples, settings, kind=kind, folder=folder, seed=seed, tell=tell)
     shape = examples[0].info.shape
-    weights.save(folder, name, learnt[generator], SEEN, shape)
-    return TranslationPredictor(learnt[generator], shape)
+    weights.save(folder, name, learnt[generator], sight.names, shape)
+    return TranslationPredictor(learnt[generator], shape, sight)
 
 
-def load_translation(folder: Path, name: str) -> TranslationPredictor:
-    """Read what `fit_translation` has left in a folder.
+def load_translation(
+    folder: Path, name: str, network: nn.Module, sight: Sight
+) -> TranslationPredictor:
+    """Read what `fit_translation` has left in a folder into a generator.
 
     Raises:
         InputError: as `learning.training.weights.load`.
     """
-    network = Translator()
-    shape = weights.load(folder, name, network, SEEN)
-    return TranslationPredictor(network, shape)
+    shape = weights.load(folder, name, network, sight.names)
+    return TranslationPredictor(network, shape, sight)
 
 
-def _samples(examples: Sequence[Example], tell: progress.Progress) -> list[Sample]:
+def _samples(examples: Sequence[Example], sight: Sight, tell: progress.Progress) -> list[Sample]:
     def wanted(example: Example) -> Image:
         ndp: Mask = np.asarray(example.ndp)
         return np.where(ndp, 0, depth_image(example)[0])
 
-    return drawing.collect(examples, depth_image, odd=(), wanted=wanted, tell=tell)
+    return drawing.collect(examples, sight.see, odd=sight.odd, wanted=wanted, tell=tell)
 
 
 def linear_decay(step: int, settings: Settings) -> float:
@@ -181,8 +197,10 @@ def linear_decay(step: int, settings: Settings) -> float:
     return settings.rate * min(1.0, 2 * (1 - step / settings.steps))
 
 
-def descend(optimizer: torch.optim.Optimizer, loss: Tensor) -> None:
-    """One step down the loss."""
+def descend(optimizer: torch.optim.Optimizer, loss: Tensor, *, steepest: float = math.inf) -> None:
+    """One step down the loss; gradients longer than `steepest` are cut to it."""
     optimizer.zero_grad()
     loss.backward()
+    moved = [one for group in optimizer.param_groups for one in group["params"]]
+    nn.utils.clip_grad_norm_(moved, steepest)
     optimizer.step()
