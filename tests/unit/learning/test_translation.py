@@ -15,10 +15,10 @@ from torch import Tensor, nn
 from learning.figures.judged import judge, pool
 from learning.figures.roc import roc
 from learning.methods.cyclegan import CycleGan, CycleGanLearner
-from learning.methods.pix2pix import Pix2Pix, Pix2PixLearner
+from learning.methods.pix2pix import SETTINGS, SIGHT, Keeper, Pix2Pix, Pix2PixLearner
 from learning.training.settings import Settings
 from learning.training.translation import (
-    ADVERSARIAL,
+    DEPTH,
     FARTHEST_M,
     PatchDiscriminator,
     TranslationPredictor,
@@ -39,7 +39,7 @@ UNSEEN = [step_scene(number) for number in range(100, 116)]
 
 def test_both_stay_small() -> None:
     build, settings = PatchDiscriminator, Settings()
-    pix2pix = Pix2PixLearner(Translator(), build(2), settings)
+    pix2pix = Pix2PixLearner(Keeper(), build(2), settings)
     cyclegan = CycleGanLearner([Translator(), Translator()], [build(1), build(1)], settings)
     assert 100_000 < parameter_count(pix2pix.networks) < 200_000
     assert 200_000 < parameter_count(cyclegan.networks) < 500_000
@@ -72,7 +72,7 @@ class _Times(nn.Module):
     ("factor", "probability"), [(1.0, 0.0), (1.3, 0.0), (0.75, 0.25), (0.0, 1.0), (-0.1, 1.0)]
 )
 def test_a_depth_gone_to_zero_is_no_depth(factor: float, probability: float) -> None:
-    predictor = TranslationPredictor(_Times(factor), SHAPE)
+    predictor = TranslationPredictor(_Times(factor), SHAPE, DEPTH)
     told = predictor.probability(UNSEEN[0])
     np.testing.assert_allclose(told, probability, atol=1e-6)
     drawn = predictor.depth_m(UNSEEN[0])
@@ -83,7 +83,7 @@ def test_unknown_and_far_reference() -> None:
     depth = UNSEEN[0].depth_m.copy()
     depth[:10], depth[10:20] = np.nan, 50.0
     example = dataclasses.replace(UNSEEN[0], depth_m=depth)
-    predictor = TranslationPredictor(_Times(1.0), SHAPE)
+    predictor = TranslationPredictor(_Times(1.0), SHAPE, DEPTH)
     assert (predictor.depth_m(example)[:10] == 0).all()
     assert (predictor.depth_m(example)[10:20] == FARTHEST_M).all()
     told = predictor.probability(example)
@@ -92,8 +92,10 @@ def test_unknown_and_far_reference() -> None:
 
 
 def test_before_learning_nothing_is_changed() -> None:
-    predictor = TranslationPredictor(Translator().eval(), SHAPE)
+    predictor = TranslationPredictor(Translator().eval(), SHAPE, DEPTH)
     np.testing.assert_array_equal(predictor.depth_m(UNSEEN[0]) / 4, depth_image(UNSEEN[0])[0])
+    keeper = TranslationPredictor(Keeper().eval(), SHAPE, SIGHT)
+    assert (keeper.probability(UNSEEN[0]) < 0.02).all()
 
 
 def test_the_rate_is_even_and_then_falls() -> None:
@@ -151,14 +153,14 @@ def test_a_step_moves_every_network() -> None:
 
 @pytest.mark.slow
 def test_pix2pix_learns_half_occlusion(tmp_path: Path) -> None:
-    """0.978 measured after 400 steps, 0.971 from another seed; at five times the rate it is chance.
+    """0.992 measured after 200 steps, 0.988 from another seed.
 
     CycleGAN's heaps are not paired: nothing is promised.
     """
-    settings = dataclasses.replace(ADVERSARIAL, steps=400, averaging=0.9)
+    settings = dataclasses.replace(SETTINGS, steps=200, averaging=0.9)
     predictor = Pix2Pix(settings=settings).fit(LEARNT_FROM, folder=tmp_path, seed=0)
     told = pool(
         judge(predictor.probability(one), np.asarray(one.ndp), one.counted) for one in UNSEEN
     )
-    assert roc(told).area > 0.9
+    assert roc(told).area > 0.97
     assert (told.probability >= 0.5).mean() < 0.5
