@@ -88,7 +88,11 @@ def diagnose(
             "verdict": found.kind,
             "effects": sorted(figures.effects(found.arms), key=lambda one: -one["gain"]),
             "left": {
-                arm.bench.arm.value: {"after": arm.search.after, "below": arm.explained_below}
+                arm.bench.arm.value: {
+                    "before": arm.search.before,
+                    "after": arm.search.after,
+                    "below": arm.explained_below,
+                }
                 for arm in found.arms
             },
             "howfar": figures.howfar(found.howfar),
