@@ -69,15 +69,15 @@ def limits(
 
 
 def _limits(of: Signature, table: Bench, screen: Screen) -> Limits:
-    if not of.candidate.numeric:
-        others = range(len(of.values))
-        found = [of.value(place) for place in others if _found(of, place, screen)]
-        return {"found": [value for value in found if value != of.candidate.base]}
-    sides = _sides(of, screen)
-    if None in sides:  # The strongest of a first try is not the strongest there is.
-        whole = signature(of.candidate, table, of.candidate.nodes)
-        sides = sides if whole is None else _sides(whole, screen)
-    return sides
+    whole = of
+    if not of.candidate.numeric or None in _sides(of, screen):
+        # What is tried first is neither all there is nor the strongest.
+        whole = signature(of.candidate, table, of.candidate.nodes) or of
+    if of.candidate.numeric:
+        return _sides(whole, screen)
+    tried = range(len(whole.values))
+    found = [whole.value(place) for place in tried if _found(whole, place, screen)]
+    return {"found": [value for value in found if value != of.candidate.base]}
 
 
 def _sides(of: Signature, screen: Screen) -> tuple[Value | None, Value | None]:

@@ -81,11 +81,12 @@ class Search:
 
 
 def coarse(candidate: Candidate) -> list[Value]:
-    """Nodes at which a candidate is tried first: of numbers a weak and a strong one to each side.
+    """Nodes at which a candidate is tried first: all words; of numbers, whole ones too, a weak and
+    a strong one to each side.
 
     A strong one alone would do for effects that grow in proportion; but few do.
     """
-    if not candidate.numeric:
+    if any(isinstance(node, str) for node in candidate.nodes):
         return list(candidate.nodes)
     base = float(candidate.base)
     below = [node for node in candidate.nodes if float(node) < base][::-1]

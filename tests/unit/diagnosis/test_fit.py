@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -242,6 +243,10 @@ def test_first_tries_are_weak_and_strong_ones_to_each_side():
         name="roll", effect=effects.named("roll"), arm=Arm.IMAGE, base=0.0, nodes=(-2, -1, 1, 3)
     )
     assert search.coarse(sides) == [-2, -1, 1, 3]
+    whole = dataclasses.replace(
+        candidate("search_range"), base=128, nodes=(16, 32, 48, 64, 80, 96, 112, 144, 160)
+    )
+    assert search.coarse(whole) == [32, 80, 144, 160]
     words = Candidate(
         name="hole_filling",
         effect=effects.named("hole_filling"),
