@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from sim import measurement
 from sim.capture import CapturedScene
 from sim.parts.imager import Imager
 from sim.sensor import Sensor
+
+if TYPE_CHECKING:  # Loads a compiler.
+    from sim.matching.memory import Memory
 
 Images = NDArray[np.unsignedinteger]
 Maps = NDArray[np.float32]
@@ -122,13 +126,18 @@ def written(disparity_px: Maps, sensor: Sensor) -> Maps:
     return np.where(code >= 1, scale / (np.maximum(code, 1) * unit), np.nan).astype(np.float32)
 
 
-def matched(left: Images, right: Images, sensor: Sensor) -> Maps:
+def matched(left: Images, right: Images, sensor: Sensor, *, memory: Memory | None = None) -> Maps:
     """Match infrared pairs (n, h, w) as they are captured, without finer bits.
+
+    Args:
+        left, right: the pairs.
+        sensor: whose matcher it is.
+        memory: as `sim.matching.match`.
 
     Returns:
         (n, h, w) disparity [px], post-processing and range included; NaN where there is none.
     """
-    return measured(left, right, as_captured(sensor))
+    return measured(left, right, as_captured(sensor), memory=memory)
 
 
 def as_captured(sensor: Sensor) -> Sensor:
@@ -139,7 +148,7 @@ def as_captured(sensor: Sensor) -> Sensor:
     return dataclasses.replace(sensor, left=left, right=right)
 
 
-def measured(left: Images, right: Images, sensor: Sensor) -> Maps:
+def measured(left: Images, right: Images, sensor: Sensor, *, memory: Memory | None = None) -> Maps:
     """Match infrared pairs (n, h, w) with all the bits that the device's own matcher reads.
 
     Returns:
@@ -147,7 +156,7 @@ def measured(left: Images, right: Images, sensor: Sensor) -> Maps:
     """
     return np.stack(
         [
-            measurement.measure(one, other, sensor, causes={}).disparity_px
+            measurement.measure(one, other, sensor, causes={}, memory=memory).disparity_px
             for one, other in zip(left, right, strict=True)
         ]
     )

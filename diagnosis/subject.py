@@ -32,6 +32,7 @@ from sim.capture_writer import info_of
 from sim.effects import named, setting
 from sim.effects.effect import Value
 from sim.layers import Layers
+from sim.matching.memory import Memory
 from sim.scene import Scene
 from sim.scenes import captured as surfaces
 from sim.scenes import known
@@ -56,6 +57,7 @@ class Subject:
     against: Reading | None  # What the real one is compared with; None: with simulated ones.
     _stage: Stage = field(repr=False)
     _layers: Layers = field(repr=False)
+    _memory: Memory = field(repr=False)  # Of the captured pairs' searches.
 
     def simulate(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
         """Simulate the scene with effects set; equal seeds share all noise.
@@ -115,7 +117,7 @@ class Subject:
         sensor = _on_sensor(self.sensor, tuple(settings.items()))
         pair = self.real if of is None else of
         assert pair.left is not None and pair.right is not None
-        maps = matched(pair.left, pair.right, sensor)
+        maps = matched(pair.left, pair.right, sensor, memory=self._memory)
         return dataclasses.replace(pair, device_px=written(maps, sensor))
 
     def physics(self, settings: Mapping[str, Value], *, seeds: Sequence[int]) -> Physics:
@@ -214,7 +216,8 @@ def retaken(of: Subject, captured: CapturedScene, *, against: Reading | None) ->
     if against is not None:
         real, against = alike(real, against)
         frames = min(real.repeats, against.repeats)
-    return dataclasses.replace(of, real=real, against=against, frames=frames)
+    memory = Memory(_searches(real, against))
+    return dataclasses.replace(of, real=real, against=against, frames=frames, _memory=memory)
 
 
 def of_scene(
@@ -266,4 +269,11 @@ def of_scene(
         against=None,
         _stage=stage,
         _layers=layers,
+        _memory=Memory(_searches(real, None)),
     )
+
+
+def _searches(real: Reading, against: Reading | None) -> int:
+    """How many pairs are matched again and again."""
+    pairs = (real, against)
+    return sum(len(one.left) for one in pairs if one is not None and one.left is not None)

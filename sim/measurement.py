@@ -14,6 +14,7 @@ from sim.sensor import Sensor
 
 if TYPE_CHECKING:  # Loads compilers.
     from sim.matching.disparity import DisparityMap
+    from sim.matching.memory import Memory
     from sim.post.temporal import History
 
 
@@ -24,6 +25,7 @@ def measure(
     *,
     causes: dict[Reason, NDArray[np.bool_]],
     past: History | None = None,
+    memory: Memory | None = None,
 ) -> DepthMap:
     """Match an infrared pair, triangulate and post-process.
 
@@ -34,13 +36,14 @@ def measure(
         causes: masks (h, w) of what else is known to keep a pixel from having depth. They name
             the reason where there is none; they remove nothing.
         past: `history` of the depth map before, which the temporal filter goes on from.
+        memory: as `sim.matching.match`.
 
     Raises:
         InputError: if the pair cannot be matched or `past` is of another size.
     """
     from sim.post import chain  # Loads a compiler, like all that matches.
 
-    found = _matched(ir_left, ir_right, sensor)
+    found = _matched(ir_left, ir_right, sensor, memory)
     own = {Reason(code): found.reason == code for code in np.unique(found.reason) if code}
     # What is known of the scene goes before what the matcher supposes of it.
     reason = first_cause(found.valid, own | causes)
@@ -58,7 +61,9 @@ def measure(
     return chain.process(raw, sensor, causes=causes, past=past)
 
 
-def _matched(ir_left: NDArray, ir_right: NDArray | None, sensor: Sensor) -> DisparityMap:
+def _matched(
+    ir_left: NDArray, ir_right: NDArray | None, sensor: Sensor, memory: Memory | None
+) -> DisparityMap:
     if sensor.kind == "structured_light":
         from sim import reference
 
@@ -70,4 +75,5 @@ def _matched(ir_left: NDArray, ir_right: NDArray | None, sensor: Sensor) -> Disp
     from sim.matching import match, readable
 
     bits = sensor.left.matched_bits
-    return match(readable(ir_left, bits), readable(ir_right, bits), sensor.matcher)
+    left, right = readable(ir_left, bits), readable(ir_right, bits)
+    return match(left, right, sensor.matcher, memory=memory)

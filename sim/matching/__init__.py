@@ -13,6 +13,7 @@ from patterns.errors import refuse
 from sim.matcher import CensusSemiGlobal, Checks, Matcher
 from sim.matching import census, checks, opencv, semiglobal, subpixel, support
 from sim.matching.disparity import DisparityMap as DisparityMap
+from sim.matching.memory import Memory
 from sim.reason import Reason, first_cause
 
 LEAST_PX = 16  # A smaller image holds no window and no search.
@@ -21,12 +22,15 @@ TEN_BITS = 1023
 _Causes = dict[Reason, NDArray[np.bool_]]
 
 
-def match(left: NDArray, right: NDArray, matcher: Matcher) -> DisparityMap:
+def match(
+    left: NDArray, right: NDArray, matcher: Matcher, *, memory: Memory | None = None
+) -> DisparityMap:
     """Match a rectified pair.
 
     Args:
         left, right: (h, w) uint8, or uint16 of up to 10 bits; corresponding points share a row.
         matcher: the setting, e.g. `sim.matcher.named("d4xx")`.
+        memory: of searches of the own engine, in which pairs are not searched twice.
 
     Returns:
         Disparities of the left image [px]. A missing one is OUTSIDE_OVERLAP, AMBIGUOUS (second
@@ -39,7 +43,7 @@ def match(left: NDArray, right: NDArray, matcher: Matcher) -> DisparityMap:
     """
     _admit(left, right)
     if isinstance(matcher.engine, CensusSemiGlobal):
-        disparity, causes = _census_semi_global(left, right, matcher, matcher.engine)
+        disparity, causes = _census_semi_global(left, right, matcher, matcher.engine, memory)
     else:
         disparity, causes = opencv.compute(left, right, matcher, matcher.engine)
         disparity = subpixel.refine(disparity, matcher.refinement)
@@ -139,16 +143,24 @@ def support_cost(
 
 
 def _census_semi_global(
-    left: NDArray, right: NDArray, matcher: Matcher, engine: CensusSemiGlobal
+    left: NDArray,
+    right: NDArray,
+    matcher: Matcher,
+    engine: CensusSemiGlobal,
+    memory: Memory | None,
 ) -> tuple[NDArray[np.float32], _Causes]:
     """Run the own engine: cost, selection, sub-pixel fit, refinement, and the checks it can do."""
-    found = semiglobal.select(
-        support_cost(left, right, matcher, engine),
-        (*left.shape, matcher.search_px),
-        p1=round(engine.small_penalty * support.COST_SCALE),
-        p2=round(engine.large_penalty * support.COST_SCALE),
-        shift=matcher.min_disparity_px,
-    )
+
+    def search() -> semiglobal.Winners:
+        return semiglobal.select(
+            support_cost(left, right, matcher, engine),
+            (*left.shape, matcher.search_px),
+            p1=round(engine.small_penalty * support.COST_SCALE),
+            p2=round(engine.large_penalty * support.COST_SCALE),
+            shift=matcher.min_disparity_px,
+        )
+
+    found = search() if memory is None else memory.winners(left, right, matcher, engine, search)
     whole = found.best + np.int16(matcher.min_disparity_px)
     at_end = (found.best == 0) | (found.best == matcher.search_px - 1)
     causes = {
