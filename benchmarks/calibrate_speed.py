@@ -7,7 +7,6 @@ metres. Every fit runs in a process of its own, so that its peak memory is its o
 """
 
 import json
-import resource
 import statistics
 import subprocess
 import sys
@@ -22,6 +21,7 @@ from calibration import observation, parameters
 from calibration.geometry import residuals
 from sim import (
     backend,
+    bench,
     capture,
     plugin_scene,
     projector,
@@ -66,7 +66,7 @@ def fit(folder: str, name: str) -> None:
         figures = {
             "seconds": round(time.perf_counter() - begun, 1),
             "cpu_s": round(time.process_time() - cpu, 1),
-            "memory_gib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
+            "memory_gib": bench.peak_gib(),
             "stages_s": dict(found.seconds),
             "steps": {key: len(one.cost) for key, one in found.solutions.items()},
         }

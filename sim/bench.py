@@ -7,6 +7,7 @@ import resource
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -138,7 +139,14 @@ def _all_on(scene: Scene, sensor: Sensor) -> tuple[Scene, Sensor]:
 
 
 def peak_gib() -> float:
-    """Peak resident memory of this process [GiB]."""
+    """Peak resident memory of this process [GiB].
+
+    Linux hands `ru_maxrss` on to programs that a process starts; `VmHWM` begins anew.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        lines = (line.split() for line in status.read_text(encoding="ascii").splitlines())
+        return next(int(words[1]) for words in lines if words[0] == "VmHWM:") / 2**20
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 2**30 if sys.platform == "darwin" else peak / 2**20
 

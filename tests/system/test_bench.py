@@ -4,10 +4,19 @@ import json
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 # In a process of its own: the peak of memory is the process's.
 BENCH = "import json; from sim.bench import bench; print(json.dumps(bench(repeats=1, samples=1)))"
+
+PEAK = "from sim.bench import peak_gib; print(peak_gib())"
+
+
+def test_memory_is_a_process_s_own():
+    held = np.ones(2**29, np.uint8)  # What starts it counts for nothing.
+    ran = subprocess.run([sys.executable, "-c", PEAK], capture_output=True, text=True, check=True)
+    assert 0.05 < float(ran.stdout) < held.size / 2**30
 
 
 @pytest.mark.long
