@@ -18,9 +18,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from diagnosis import crew, named, program
 from diagnosis.subject import subject
 from diagnosis.which import null
@@ -28,7 +25,7 @@ from diagnosis.which.arm import Screen
 from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm
 from diagnosis.which.fit import fit, places
-from diagnosis.which.signature import Signature, signature
+from diagnosis.which.signature import Signature, signature, with_node
 from sim import capture, progress, sensors
 from sim.effects.effect import Value
 from sim.sensor import Sensor
@@ -36,6 +33,7 @@ from sim.sensor import Sensor
 POWER = 0.5
 _STEPS = 16  # Strengths tried between two nodes.
 _ROUGH = 4  # Likewise, where an effect's strength is looked for.
+_CLOSER = 4  # Times that an effect is simulated where it was just found.
 
 Limits = tuple[Value | None, Value | None] | dict[str, list[Value]]
 
@@ -69,26 +67,39 @@ def limits(
 
 
 def _limits(of: Signature, table: Bench, screen: Screen) -> Limits:
-    whole = of
-    if not of.candidate.numeric or None in _sides(of, screen):
-        # What is tried first is neither all there is nor the strongest.
-        whole = signature(of.candidate, table, of.candidate.nodes) or of
-    if of.candidate.numeric:
-        return _sides(whole, screen)
+    candidate = of.candidate
+    if candidate.numeric:
+        return _side(of, table, screen, upwards=False), _side(of, table, screen, upwards=True)
+    # What is tried first is not all there is.
+    whole = signature(candidate, table, candidate.nodes) or of
     tried = range(len(whole.values))
     found = [whole.value(place) for place in tried if _found(whole, place, screen)]
-    return {"found": [value for value in found if value != of.candidate.base]}
+    return {"found": [value for value in found if value != candidate.base]}
 
 
-def _sides(of: Signature, screen: Screen) -> tuple[Value | None, Value | None]:
+def _side(of: Signature, table: Bench, screen: Screen, *, upwards: bool) -> Value | None:
+    """The least value found to one side, simulated there: few effects grow in proportion."""
+    base = float(of.candidate.base)
+    side = [node for node in of.candidate.nodes if (float(node) > base) == upwards]
+    if not side:
+        return None
+    least = _least(of, screen, upwards=upwards)
+    if least is None:  # What is tried first is not the strongest either.
+        of = signature(of.candidate, table, side) or of
+        least = _least(of, screen, upwards=upwards)
+    for _ in range(_CLOSER):
+        if least is None or least in of.values:
+            break
+        of = with_node(of, least, table)
+        least = _least(of, screen, upwards=upwards)
+    return least
+
+
+def _least(of: Signature, screen: Screen, *, upwards: bool) -> Value | None:
+    """The value nearest to the base from which on all are found to one side."""
     tried = places(of, _STEPS)
     base = float(of.values.index(of.candidate.base))
-    below, above = tried[tried < base][::-1], tried[tried > base]
-    return _least(of, below, screen), _least(of, above, screen)
-
-
-def _least(of: Signature, tried: NDArray[np.float64], screen: Screen) -> Value | None:
-    """The first of places, the nearest to the base first, from which on all are found."""
+    tried = tried[tried > base] if upwards else tried[tried < base][::-1]
     found = [_found(of, float(place), screen) for place in tried]
     if not found or not found[-1]:
         return None

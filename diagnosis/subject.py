@@ -58,6 +58,8 @@ class Subject:
     _stage: Stage = field(repr=False)
     _layers: Layers = field(repr=False)
     _memory: Memory = field(repr=False)  # Of the captured pairs' searches.
+    # Rendered last with effects set, by those effects: draws of noise share what is rendered.
+    _last: dict[tuple[tuple[str, Value], ...], Layers] = field(default_factory=dict, repr=False)
 
     def simulate(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
         """Simulate the scene with effects set; equal seeds share all noise.
@@ -95,7 +97,7 @@ class Subject:
         layers = self._layers
         if faulty:
             layers = simulate.rendered(self._stage, sensor, samples=_SAMPLES)
-        return dataclasses.replace(self, sensor=sensor, _layers=layers)
+        return dataclasses.replace(self, sensor=sensor, _layers=layers, _last={})
 
     def expose_again(self, *, seed: int) -> Reading:
         """What the captures are compared with, with the noise of one more exposure.
@@ -134,10 +136,18 @@ class Subject:
     def _set(self, settings: Mapping[str, Value]) -> tuple[Sensor, Scene, Layers]:
         sensor = _on_sensor(self.sensor, tuple(settings.items()))
         scene = setting.on_scene(self.scene, settings)
-        layers = self._layers
-        if any(named(name.partition(".")[0]).rerender for name in settings):
-            layers = simulate.rendered(self._stage.of(scene), sensor, samples=_SAMPLES)
-        return sensor, scene, layers
+        return sensor, scene, self._rendered(scene, sensor, settings)
+
+    def _rendered(self, scene: Scene, sensor: Sensor, settings: Mapping[str, Value]) -> Layers:
+        """What is rendered, noise apart: that of the base where no effect changes it."""
+        drawn = sorted(settings.items())
+        key = tuple(one for one in drawn if named(one[0].partition(".")[0]).rerender)
+        if not key:
+            return self._layers
+        if key not in self._last:
+            self._last.clear()
+            self._last[key] = simulate.rendered(self._stage.of(scene), sensor, samples=_SAMPLES)
+        return self._last[key]
 
     def _pairs(
         self, settings: Mapping[str, Value], seed: int

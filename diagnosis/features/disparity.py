@@ -24,23 +24,23 @@ def disparity(found_px: Image, ground: Ground) -> dict[str, float]:
     found_there = np.isfinite(found_px)
     missing = ~found_there
     off = np.nan_to_num(np.abs(error), nan=0.0) > _FAR_OFF_PX
+    middle, spread = bins.median_and_spread(near, far)
     found = {
-        "error.bias.all": bins.median(near, far),
-        "error.spread.all": bins.spread(near, far),
+        "error.bias.all": middle,
+        "error.spread.all": spread,
         "error.far off.all": bins.rate(off, bins.among(everywhere, found_there)),
         "holes.all": bins.rate(missing, everywhere),
     }
     for name, where in ground.each(*_PLACES, far=True):
-        found[f"error.bias.{name}"] = bins.median(near, where)
-        found[f"error.spread.{name}"] = bins.spread(near, where)
+        bias, spread = bins.median_and_spread(near, where)
+        found |= {f"error.bias.{name}": bias, f"error.spread.{name}": spread}
     for name, where in ground.each(*_PLACES):
         found[f"holes.{name}"] = bins.rate(missing, where)
     for name, where in ground.each("edge"):
-        found[f"error.bias.{name}"] = bins.median(near, where)
-        found[f"error.spread.{name}"] = bins.spread(near, where)
+        bias, spread = bins.median_and_spread(near, where)
+        found |= {f"error.bias.{name}": bias, f"error.spread.{name}": spread}
         found[f"error.far off.{name}"] = bins.rate(off, bins.among(where, found_there))
         found[f"holes.{name}"] = bins.rate(missing, where)
-    middle = found["error.bias.all"]
     for name, where in ground.each("fraction", far=True):
         found[f"error.fraction.{name}"] = bins.median(near, where) - middle
     return found

@@ -79,11 +79,12 @@ def against(device_px: Image, ours_px: Image, ground: Ground) -> dict[str, float
     difference = device_px - ours_px
     near = np.where(np.abs(difference) < 2, difference, np.nan)
     [(_, everywhere)] = ground.whole()
+    bias, spread = bins.median_and_spread(near, everywhere)
     found = {
         "against.lost": bins.rate(~device, bins.among(everywhere, ours)),
         "against.won": bins.rate(device, bins.among(everywhere, ~ours)),
-        "against.bias": bins.median(near, everywhere),
-        "against.spread": bins.spread(near, everywhere),
+        "against.bias": bias,
+        "against.spread": spread,
     }
     for name, where in ground.each("edge", "level", "depth"):
         found[f"against.lost.{name}"] = bins.rate(~device, bins.among(where, ours))

@@ -13,7 +13,7 @@ from diagnosis.which.bench import Bench, Table
 from diagnosis.which.candidates import Candidate
 from diagnosis.which.fit import Fit, fit, held_out, places
 from diagnosis.which.likelihood import Likelihood
-from diagnosis.which.signature import Signature, signature
+from diagnosis.which.signature import Signature, signature, with_node
 from sim.effects.effect import Value
 
 MOST = 4  # Effects in one verdict.
@@ -181,13 +181,8 @@ def _sharper(
         and abs(one.place - round(one.place)) > _AT_A_NODE
     }
     return [
-        _with_node(one, near[one.name], bench) if one.name in near else one for one in signatures
+        with_node(one, near[one.name], bench) if one.name in near else one for one in signatures
     ]
-
-
-def _with_node(of: Signature, value: Value, bench: Bench) -> Signature:
-    nodes = [node for node in of.values if node != of.candidate.base]
-    return signature(of.candidate, bench, sorted([*nodes, value], key=float)) or of
 
 
 def _ranked(

@@ -62,3 +62,15 @@ def signature(candidate: Candidate, bench: Bench, nodes: Sequence[Value]) -> Sig
     values.insert(place, candidate.base)
     changes.insert(place, np.zeros_like(changes[0]))
     return Signature(candidate, tuple(values), np.stack(changes))
+
+
+def with_node(of: Signature, value: Value, bench: Bench) -> Signature:
+    """The same with one more strength simulated; as it was where that cannot be.
+
+    Args:
+        of: with numbers for strengths.
+        value: of the candidate.
+        bench: the subjects.
+    """
+    nodes = [node for node in of.values if node != of.candidate.base]
+    return signature(of.candidate, bench, sorted([*nodes, value], key=float)) or of

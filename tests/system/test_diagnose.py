@@ -25,7 +25,7 @@ from diagnosis.which.candidates import Arm
 from diagnosis.which.candidates import candidates as all_candidates
 from diagnosis.withheld import case, shoot
 from learning import registry
-from sim import capture, sensors
+from sim import capture, sensors, simulate
 from sim.sensor import Sensor
 from sim.sensor_edits import with_values
 from tests.system.test_withheld import nominal
@@ -271,6 +271,23 @@ def test_what_is_learnt_from_are_the_holes_that_how_far_is_told_of(place):
     one.real = dataclasses.replace(one.real, device_px=one.real.ours_px)
     own = [~np.isfinite(one.capture(settings, seed=seed).device_px[0]) for seed in (0, 1)]
     np.testing.assert_array_equal(one.physics(settings, seeds=(0, 1)).ndp, np.mean(own, 0))
+
+
+def test_what_does_not_differ_is_rendered_once(place, monkeypatch):
+    scene = capture.open_set(place / "null").scenes[0]
+    one, fresh = (subject.subject(scene, sensor()) for _ in range(2))
+    count = []
+    render = simulate.rendered
+    monkeypatch.setattr(
+        simulate, "rendered", lambda *of, **how: count.append(1) or render(*of, **how)
+    )
+    one.simulate({"nir_reflectance": 0.5, "veil": 0.02}, seed=0)
+    again = one.simulate({"gamma": 1.2, "nir_reflectance": 0.5}, seed=1)
+    assert len(count) == 1
+    alone = fresh.simulate({"nir_reflectance": 0.5, "gamma": 1.2}, seed=1)
+    np.testing.assert_array_equal(again.left, alone.left)
+    brighter = one.simulate({"nir_reflectance": 1.5}, seed=1)
+    assert len(count) == 3 and brighter.left.mean() > again.left.mean()
 
 
 def test_a_capture_that_tells_is_found(place):
