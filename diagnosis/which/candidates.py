@@ -40,6 +40,7 @@ class Candidate:
     arm: Arm
     base: Value  # Where the sensor at hand has it.
     nodes: tuple[Value, ...]  # Other values, numbers ascending.
+    whole: bool = False  # Whether it takes whole numbers alone.
 
     @property
     def numeric(self) -> bool:
@@ -72,17 +73,22 @@ def candidates(sensor: Sensor, scene: Scene, arm: Arm) -> list[Candidate]:
             if base is None:
                 continue
             name = effect.name if number == 0 else f"{effect.name}.{parameter.name}"
-            values = nodes(parameter, base)
+            whole = setting.whole(parameter, sensor)
+            values = nodes(parameter, base, whole=whole)
             if effect.name in _MOVES and not sensor.left.rolling_shutter_s:
                 values = tuple(
                     one for one in values if float(one) > float(base)
                 )  # The way back blurs alike.
             if values:
-                found.append(Candidate(name=name, effect=effect, arm=arm, base=base, nodes=values))
+                found.append(
+                    Candidate(
+                        name=name, effect=effect, arm=arm, base=base, nodes=values, whole=whole
+                    )
+                )
     return found
 
 
-def nodes(parameter: Parameter, base: Value) -> tuple[Value, ...]:
+def nodes(parameter: Parameter, base: Value, *, whole: bool = False) -> tuple[Value, ...]:
     """Values at which an effect is simulated, the base left out.
 
     Strengths rise by factors from the least to the greatest worth trying; effects of both signs
@@ -104,5 +110,5 @@ def nodes(parameter: Parameter, base: Value) -> tuple[Value, ...]:
             values.append(0.0)
     else:
         values = [*np.linspace(low, high, 2 * _NODES - 2)]
-    kept = {round(float(value), 9) for value in values}
+    kept = {round(float(value), 0 if whole else 9) for value in values}
     return tuple(sorted(value for value in kept if abs(value - base) > 1e-9 * max(1, abs(base))))

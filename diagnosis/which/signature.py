@@ -39,7 +39,8 @@ class Signature:
         below = min(int(place), len(self.values) - 2)
         share = place - below
         low, high = float(self.values[below]), float(self.values[below + 1])
-        return (1 - share) * low + share * high
+        value = (1 - share) * low + share * high
+        return float(round(value) if self.candidate.whole else value)
 
 
 def signature(candidate: Candidate, bench: Bench, nodes: Sequence[Value]) -> Signature | None:

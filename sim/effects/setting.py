@@ -91,6 +91,17 @@ def value(parameter: Parameter, sensor: Sensor, scene: Scene | None = None) -> V
     return found if isinstance(found, str) else float(found)
 
 
+def whole(parameter: Parameter, sensor: Sensor) -> bool:
+    """Return whether a parameter's field takes whole numbers alone."""
+    path = _spread(parameter.paths)[0]
+    if path.startswith(_SCENE):
+        return False
+    try:
+        return type(_field(sensor, path)) is int
+    except errors.InputError:
+        return False
+
+
 def neutral(parameter: Parameter, sensor: Sensor, scene: Scene | None = None) -> Value | None:
     """Return a parameter's neutral: the ideal, or where there is none the value at hand."""
     if parameter.neutral is None:

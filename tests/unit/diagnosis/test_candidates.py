@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from diagnosis.which.candidates import Arm, candidates, nodes
+from diagnosis.which.signature import Signature
 from sim import effects, sensors
 from sim.effects import setting
 from sim.effects.effect import Stage
@@ -45,6 +47,15 @@ def test_nodes_depart_from_the_base_and_stay_in_the_range(one):
         low, high = parameter.low, parameter.high
         inside = [low <= value <= high for value in one.nodes if value != 0]
         assert all(inside)
+
+
+@pytest.mark.parametrize("one", [one for one in ALL if one.numeric], ids=lambda one: one.name)
+def test_what_lies_between_nodes_can_be_set(one):
+    """Above all whole numbers."""
+    values = tuple(sorted((*one.nodes, one.base)))
+    made = Signature(one, values, np.zeros((len(values), 1, 1)))
+    for place in np.arange(len(values) - 1) + 0.3:
+        setting.apply(SENSOR, SCENE, {one.name: made.value(place)})
 
 
 def test_a_strength_of_both_signs_departs_to_both_sides():
