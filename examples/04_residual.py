@@ -22,7 +22,7 @@ from sim import asked_sensor
 METHODS = ("perfect", "simple", "physics", "network", "hybrid")
 
 
-def main(scenes: int = 3, steps: int = 30) -> None:
+def main(scenes: int = 2, steps: int = 15) -> None:
     """Hold the first scene out and print what each method says of it."""
     with tempfile.TemporaryDirectory() as name:
         real = Path(name, "virtual")

@@ -13,7 +13,7 @@ from diagnosis.report.elements import prose
 from diagnosis.report.style import STYLE
 from diagnosis.report.words import words
 from diagnosis.which import null
-from diagnosis.which.arm import OF_BEFORE, UNEXPLAINED
+from diagnosis.which.arm import BEYOND_NOISE, OF_BEFORE, UNEXPLAINED
 
 _VERDICTS = {
     "effects": "Consistent with known effects",
@@ -97,8 +97,9 @@ def _made(of: Diagnosis) -> str:
             f"effects gains by chance once in twenty times, and no less than "
             f"{number(null.LEAST_GAIN, '.0f')}. Another effect is not separable from it if the "
             "threshold does not part their gains. A gap counts as explained if its size after is "
-            f"below {number(UNEXPLAINED, '.2f')} plus {number(100 * OF_BEFORE, '.0f')} % of its "
-            "size before, and what its effects leave of themselves when drawn anew. One room in "
+            f"below that of noise alone and {number(BEYOND_NOISE, '.2f')}, at most "
+            f"{number(UNEXPLAINED, '.2f')}, plus {number(100 * OF_BEFORE, '.1f')} % of its size "
+            "before, and what its effects leave of themselves when drawn anew. One room in "
             f"{LOCKED} is locked away by lot and only judges how far."
         )
         + (table(head, rows) if rows else "")

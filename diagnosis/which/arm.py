@@ -23,9 +23,10 @@ from sim.effects.effect import Value
 
 CLOSER = 12  # Candidates that are simulated at more strengths.
 _WORTH_IT = 0.25  # Of the threshold, that one has to gain alone.
-# Size of what is left (`Likelihood.size`) above which something else is at work: a constant, and a
-# share of what there was, as no effect is simulated as it truly is.
-UNEXPLAINED, OF_BEFORE = 0.65, 0.05
+# Size of what is left (`Likelihood.size`) above which something else is at work: what seeds alone
+# make and this much, no more than the second; and a share of what there was, as no effect is
+# simulated as it truly is.
+BEYOND_NOISE, UNEXPLAINED, OF_BEFORE = 0.35, 0.65, 0.035
 _ANEW = (1, 2, 3)  # Devices, and seeds, of effects drawn anew.
 _NAMED = 3  # Groups of features that a lead names.
 _LEAD = 3.0  # Mean deviations of a group from which it is a lead.
@@ -129,7 +130,7 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
         screen.folds,
         threshold=screen.threshold,
     )
-    explained = UNEXPLAINED + OF_BEFORE * found.before
+    explained = min(screen.noise + BEYOND_NOISE, UNEXPLAINED) + OF_BEFORE * found.before
     if found.after > explained and bench.arm is not Arm.DEPTH:
         explained += _drawn_anew(bench, likelihood, found.settings)
     return Found(
