@@ -134,8 +134,8 @@ def threshold(null_gains: NDArray[np.float64], *, alpha: float = 0.05) -> float:
 
 
 def size(of: Base, weight: NDArray[np.float64]) -> float:
-    """Largest size of a gap (`Likelihood.size`) that seeds alone make."""
+    """Largest size of a gap (`Likelihood.size`) that seeds alone make; 0 where nothing is drawn."""
     if len(of.tables) < 2:
-        return 1.0
+        return 0.0
     each = [base.likelihood(reading, weight) for base, reading in readings(of)]
     return max(one.size(one.nothing) for one in each)

@@ -193,8 +193,9 @@ _POST = (
         low=0.0625, high=0.5),
     Row(name="pixel_locking", family="pixel locking", kind="post", unit="px", neutral=0,
         low=0.02, high=0.15, signs=_BOTH),
+    # Further on the check's cameras, which are half as wide as the page's, would see nothing.
     Row(name="disparity_shift", family="search range", kind="post", unit="px", neutral=0,
-        low=4, high=64),
+        low=4, high=24),
     Row(name="search_range", family="search range", kind="post", unit="px", neutral=0,
         scale="choice", choices=(16, 32, 48, 64, 80, 96)),
     Row(name="edge_jump", family="edge jump", kind="post", unit="px", neutral=0,
