@@ -26,7 +26,7 @@ _WORTH_IT = 0.25  # Of the threshold, that one has to gain alone.
 # Size of what is left (`Likelihood.size`) above which something else is at work: what seeds alone
 # make and this much, no more than the second; and a share of what there was, as no effect is
 # simulated as it truly is.
-BEYOND_NOISE, UNEXPLAINED, OF_BEFORE = 0.35, 0.65, 0.035
+BEYOND_NOISE, UNEXPLAINED, OF_BEFORE = 0.35, 0.65, 0.04
 _ANEW = (1, 2, 3)  # Devices, and seeds, of effects drawn anew.
 _NAMED = 3  # Groups of features that a lead names.
 _LEAD = 3.0  # Mean deviations of a group from which it is a lead.

@@ -226,13 +226,13 @@ _OUTSIDE = (
     Row(name="brightness_ramp", family="outside", kind="outside", unit="1", neutral=0,
         low=0.1, high=0.8, most=1),
     Row(name="body_offset", family="outside", kind="outside", unit="px", neutral=0,
-        low=0.5, high=3, signs=_BOTH),
+        low=0.8, high=3, signs=_BOTH),
     Row(name="doubled_dots", family="outside", kind="outside", unit="1", neutral=0,
         low=0.1, high=0.6),
     Row(name="finger_print", family="outside", kind="outside", unit="1", neutral=0,
-        low=0.15, high=0.8, most=1),
+        low=0.2, high=0.8, most=1),
     Row(name="block_compression", family="outside", kind="outside", unit="DN", neutral=0,
-        low=6, high=20),
+        low=3, high=20),
 )  # fmt: skip
 
 ROWS = {row.name: row for row in (*_IMAGE, *_MATCHER, *_POST, *_OUTSIDE)}
