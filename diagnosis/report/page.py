@@ -14,6 +14,7 @@ from diagnosis.report.style import STYLE
 from diagnosis.report.words import words
 from diagnosis.which import null
 from diagnosis.which.arm import BEYOND_NOISE, OF_BEFORE, UNEXPLAINED
+from diagnosis.which.candidates import Arm
 
 _VERDICTS = {
     "effects": "Consistent with known effects",
@@ -98,9 +99,10 @@ def _made(of: Diagnosis) -> str:
             f"{number(null.LEAST_GAIN, '.0f')}. Another effect is not separable from it if the "
             "threshold does not part their gains. A gap counts as explained if its size after is "
             f"below that of noise alone and {number(BEYOND_NOISE, '.2f')}, at most "
-            f"{number(UNEXPLAINED, '.2f')}, plus {number(100 * OF_BEFORE, '.1f')} % of its size "
-            "before, and what its effects leave of themselves when drawn anew. One room in "
-            f"{LOCKED} is locked away by lot and only judges how far."
+            f"{number(UNEXPLAINED, '.2f')}, plus {number(100 * OF_BEFORE[Arm.IMAGE], '.0f')} % of "
+            f"its size before ({number(100 * OF_BEFORE[Arm.DEPTH], '.0f')} % in the half of "
+            "matcher and filters), and what its effects leave of themselves when drawn anew. One "
+            f"room in {LOCKED} is locked away by lot and only judges how far."
         )
         + (table(head, rows) if rows else "")
         + prose(

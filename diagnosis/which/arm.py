@@ -26,7 +26,8 @@ _WORTH_IT = 0.25  # Of the threshold, that one has to gain alone.
 # Size of what is left (`Likelihood.size`) above which something else is at work: what seeds alone
 # make and this much, no more than the second; and a share of what there was, as no effect is
 # simulated as it truly is.
-BEYOND_NOISE, UNEXPLAINED, OF_BEFORE = 0.35, 0.65, 0.04
+BEYOND_NOISE, UNEXPLAINED = 0.35, 0.65
+OF_BEFORE = {Arm.IMAGE: 0.04, Arm.DEPTH: 0.1, Arm.WHOLE: 0.04}  # Matchers are told of less well.
 _ANEW = (1, 2, 3)  # Devices, and seeds, of effects drawn anew.
 _NAMED = 3  # Groups of features that a lead names.
 _LEAD = 3.0  # Mean deviations of a group from which it is a lead.
@@ -130,7 +131,8 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
         screen.folds,
         threshold=screen.threshold,
     )
-    explained = min(screen.noise + BEYOND_NOISE, UNEXPLAINED) + OF_BEFORE * found.before
+    explained = min(screen.noise + BEYOND_NOISE, UNEXPLAINED)
+    explained += OF_BEFORE[bench.arm] * found.before
     if found.after > explained and bench.arm is not Arm.DEPTH:
         explained += _drawn_anew(bench, likelihood, found.settings)
     return Found(

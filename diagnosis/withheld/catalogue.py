@@ -183,6 +183,11 @@ _MATCHER = (
         low=0.3, high=3, scale="ratio", signs=_BOTH, least=0.25, most=4),
     Row(name="texture_threshold", family="texture", kind="matcher", unit="DN", neutral=0,
         low=0.3, high=3, most=3),
+    # What is beyond a search is lost or false: no filter of a disparity map tells which.
+    Row(name="disparity_shift", family="search range", kind="matcher", unit="px", neutral=0,
+        low=4, high=64),
+    Row(name="search_range", family="search range", kind="matcher", unit="px", neutral=128,
+        scale="choice", choices=(16, 32, 48, 64, 80, 96)),
 )  # fmt: skip
 _POST = (
     Row(name="median", family="winner median", kind="post", unit="px", neutral=0,
@@ -193,11 +198,6 @@ _POST = (
         low=0.0625, high=0.5),
     Row(name="pixel_locking", family="pixel locking", kind="post", unit="px", neutral=0,
         low=0.02, high=0.15, signs=_BOTH),
-    # Further on the check's cameras, which are half as wide as the page's, would see nothing.
-    Row(name="disparity_shift", family="search range", kind="post", unit="px", neutral=0,
-        low=4, high=24),
-    Row(name="search_range", family="search range", kind="post", unit="px", neutral=0,
-        scale="choice", choices=(16, 32, 48, 64, 80, 96)),
     Row(name="edge_jump", family="edge jump", kind="post", unit="px", neutral=0,
         low=1 / 32, high=1, scale="inverse"),
     Row(name="speckle_filter", family="speckle filter", kind="post", unit="px", neutral=0,
@@ -243,7 +243,7 @@ SECONDARY: dict[str, float | None] = {
     "nir_reflectance.bodies": 1.0,  # Share of the bodies that it touches.
     "dot_defocus.focus_m": None,
     "near_defocus.focus_m": None,
-    "smoothing_mean.step_px": 1.0,
+    "smoothing_mean.step_px": 2.0,
     "speckle_filter.step_px": 1.0,
     "range.far_m": 65.535,
     "spatial_filter.delta_px": 0.625,

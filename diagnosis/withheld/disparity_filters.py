@@ -18,10 +18,7 @@ Map = NDArray[np.float64]
 
 def refine(disparity_px: Map, strengths: Strengths) -> Map:
     """Apply every effect of a matcher that acts on its result; the very map given where none."""
-    d = in_search(
-        disparity_px, strengths.of("disparity_shift"), round(strengths.of("search_range"))
-    )
-    d = median(d, round(strengths.of("median")))
+    d = median(disparity_px, round(strengths.of("median")))
     d = smoothing_mean(
         d, round(strengths.of("smoothing_mean")), strengths.second("smoothing_mean.step_px")
     )
@@ -31,14 +28,6 @@ def refine(disparity_px: Map, strengths: Strengths) -> Map:
     return without_islands(
         d, round(strengths.of("speckle_filter")), strengths.second("speckle_filter.step_px")
     )
-
-
-def in_search(disparity_px: Map, least_px: float, count: int) -> Map:
-    """Keep what a search of `count` disparities from `least_px` on finds; count 0 has no end."""
-    if least_px == 0.0 and count == 0:
-        return disparity_px
-    end = least_px + count - 1 if count else np.inf
-    return np.where((disparity_px > least_px) & (disparity_px < end), disparity_px, np.nan)
 
 
 def median(disparity_px: Map, side: int) -> Map:

@@ -30,7 +30,7 @@ _NO_COST = np.iinfo(np.uint16).max
 class Settings:
     """Settings of the matcher; those that are effects are called as these."""
 
-    disparities: int = 128  # Tried, from `disparity_shift` on.
+    search_range: int = 128  # Tried, from `disparity_shift` on.
     disparity_shift: int = 0  # [px]
     census_window: int = 7  # Side [px], odd, at most 11.
     small_penalty: int = 4  # Price of a step of one disparity [bit].
@@ -52,11 +52,11 @@ class Settings:
                 (self.small_penalty, self.large_penalty),
                 "Change one.",
             )
-        if not 4 <= self.disparities <= 256 or self.disparity_shift < 0:
+        if not 4 <= self.search_range <= 256 or self.disparity_shift < 0:
             raise refusal(
                 "search",
                 "must be of 4 to 256 disparities from 0 or more",
-                (self.disparities, self.disparity_shift),
+                (self.search_range, self.disparity_shift),
                 "Change it.",
             )
 
@@ -106,7 +106,7 @@ def match(ir_left: Infrared, ir_right: Infrared, settings: Settings) -> Map:
     """Match a pair: disparity (h, w) [px], NaN where a check refuses it."""
     if ir_left.shape != ir_right.shape:
         raise refusal("pair", "must share one shape", (ir_left.shape, ir_right.shape), "Crop.")
-    if ir_left.shape[1] <= settings.disparity_shift + settings.disparities // 2:
+    if ir_left.shape[1] <= settings.disparity_shift + settings.search_range // 2:
         raise refusal("images", "must be wider than half the search", ir_left.shape, "Search less.")
     costs = _costs(ir_left, ir_right, settings)
     total = _aggregate(costs, settings)
@@ -151,9 +151,9 @@ def _costs(left: Infrared, right: Infrared, settings: Settings) -> NDArray[np.ui
     bits_left = _census(left, settings.census_window)
     bits_right = _census(right, settings.census_window)
     strangers = settings.census_window**2 // 4
-    costs = np.full((settings.disparities, *left.shape), strangers, np.uint8)
+    costs = np.full((settings.search_range, *left.shape), strangers, np.uint8)
     width = left.shape[1]
-    for number in range(settings.disparities):
+    for number in range(settings.search_range):
         d = number + settings.disparity_shift
         if d < width:
             costs[number, :, d:] = np.bitwise_count(bits_left[:, d:] ^ bits_right[:, : width - d])

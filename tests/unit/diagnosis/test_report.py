@@ -87,7 +87,7 @@ def found(searched: search.Search, *, arm: Arm = Arm.IMAGE, lead: tuple[str, ...
         ),
         likelihood=made.likelihood_of({}, 9),
         search=searched,
-        explained_below=UNEXPLAINED + OF_BEFORE * searched.before,
+        explained_below=UNEXPLAINED + OF_BEFORE[arm] * searched.before,
         lead=lead,
     )
 

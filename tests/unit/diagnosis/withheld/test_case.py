@@ -105,13 +105,13 @@ def test_strengths_are_log_uniform_from_the_limit(camera: Nominal) -> None:
 
 
 def test_choices_that_are_not_found_are_not_drawn(camera: Nominal) -> None:
-    found = Limits(departures={}, choices={"median": (), "search_range": (16, 48)})
-    post = [row for row in ROWS.values() if row.name in {"median", "search_range"}]
+    found = Limits(departures={}, choices={"median": (), "smoothing_mean": (5, 21)})
+    post = [row for row in ROWS.values() if row.name in {"median", "smoothing_mean"}]
     others = [row.name for row in ROWS.values() if row not in post]
     drawn = draw(camera, {"single": 40}, limits=found, kinds=("post",), leave_out=others, entropy=1)
     assert {tuple(each.settings.items()) for each in drawn} == {
-        (("search_range", 16.0),),
-        (("search_range", 48.0),),
+        (("smoothing_mean", 5.0),),
+        (("smoothing_mean", 21.0),),
     }
 
 

@@ -32,8 +32,6 @@ def test_off_is_the_very_maps(camera: Nominal) -> None:
         ("smoothing_mean", 9),
         ("subpixel_steps", 0.5),
         ("pixel_locking", 0.1),
-        ("disparity_shift", 6),
-        ("search_range", 16),
         ("edge_jump", 0.05),
         ("speckle_filter", 60),
         ("range", 1.0),
@@ -46,8 +44,6 @@ def test_off_is_the_very_maps(camera: Nominal) -> None:
 )
 def test_every_effect_acts_by_its_name(name: str, value: float, camera: Nominal) -> None:
     frames = [_depth(), _depth(1)]
-    if name == "search_range":
-        frames = [0.35 * z for z in frames]  # 17 px, beyond 16 disparities.
     values = {name: value}
     out = filters.process(frames, Strengths(nominal=camera, values=values))
     assert not np.array_equal(out[1], frames[1], equal_nan=True)

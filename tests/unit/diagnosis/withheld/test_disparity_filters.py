@@ -22,7 +22,6 @@ def _map(seed: int = 0) -> np.ndarray:
 @pytest.mark.parametrize(
     "do",
     [
-        lambda d: filters.in_search(d, 0.0, 0),
         lambda d: filters.median(d, 0),
         lambda d: filters.smoothing_mean(d, 0, 1.0),
         lambda d: filters.lock(d, 0.0),
@@ -34,13 +33,6 @@ def _map(seed: int = 0) -> np.ndarray:
 def test_off_is_the_very_map(do) -> None:
     d = _map()
     assert do(d) is d
-
-
-def test_search_keeps_what_is_inside() -> None:
-    d = np.array([[3.9, 4.0, 4.1, 18.9, 19.0, 30.0, NAN]])
-    kept = np.isfinite(filters.in_search(d, 4.0, 16))
-    assert kept.tolist() == [[False, False, True, True, False, False, False]]
-    assert np.isfinite(filters.in_search(d, 4.0, 0))[0, 5]
 
 
 @pytest.mark.parametrize("side", [3, 5])

@@ -16,7 +16,7 @@ from diagnosis.withheld.light import Light
 from diagnosis.withheld.matcher import Settings
 from diagnosis.withheld.nominal import Nominal
 
-SETTINGS = Settings(disparities=32)
+SETTINGS = Settings(search_range=32)
 
 
 def _textured(shape: tuple[int, int] = (48, 90), seed: int = 0) -> np.ndarray:
@@ -41,9 +41,9 @@ def test_no_depth_outside_the_overlap() -> None:
 def test_search_begins_where_it_is_told() -> None:
     image = _textured()
     right = np.roll(image, -20, 1)
-    later = dataclasses.replace(SETTINGS, disparities=16, disparity_shift=12)
+    later = dataclasses.replace(SETTINGS, search_range=16, disparity_shift=12)
     assert np.nanmedian(matcher.match(image, right, later)) == pytest.approx(20.0, abs=0.05)
-    beyond = dataclasses.replace(SETTINGS, disparity_shift=80, disparities=16)
+    beyond = dataclasses.replace(SETTINGS, disparity_shift=80, search_range=16)
     assert np.isfinite(matcher.match(image, right, beyond)).mean() < 0.2
 
 
@@ -115,10 +115,10 @@ def test_refusals() -> None:
     with pytest.raises(WithheldError, match="pair must share one shape"):
         matcher.match(image, image[:-1], SETTINGS)
     with pytest.raises(WithheldError, match="images must be wider"):
-        matcher.match(image, image, Settings(disparities=200))
+        matcher.match(image, image, Settings(search_range=200))
     with pytest.raises(WithheldError, match="census_window must be odd"):
         Settings(census_window=4)
     with pytest.raises(WithheldError, match="penalties must be"):
         Settings(small_penalty=90, large_penalty=110)
     with pytest.raises(WithheldError, match="search must be"):
-        Settings(disparities=2)
+        Settings(search_range=2)
