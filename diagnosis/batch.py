@@ -1,7 +1,7 @@
 """Diagnosis of many capture sets of the same scenes, which is given nothing but these.
 
     python -m diagnosis.batch CASES OUT --sensor FILE [--against SET] [--cache FOLDER]
-                                                      [--without FILE]
+                                                      [--without FILE [--twins]]
 
 CASES holds capture sets in folders of their own; OUT gets a verdict FOLDER.json for each. Verdicts
 that are there stay, so a run that was stopped goes on where it was. What effects do to the scenes
@@ -40,6 +40,7 @@ def diagnose(
     against: CaptureSet | None = None,
     cache: Path | None = None,
     without: dict[str, str] | None = None,
+    twins: bool = False,
     tell: progress.Progress = progress.silent,
 ) -> None:
     """Write a verdict for every capture set that has none yet.
@@ -52,6 +53,7 @@ def diagnose(
         cache: folder that keeps what is simulated, for other runs.
         without: by capture set an effect whose family is not to be tried; then only those named
             here are diagnosed.
+        twins: nor the families of effects that it is confused with, as the table says.
         tell: wraps the loop over capture sets.
 
     Raises:
@@ -77,7 +79,8 @@ def diagnose(
             if known is None:
                 # What is matched again is another case's no longer.
                 place = None if arm is Arm.DEPTH else cache
-                screen = named.screened(arm, asked, _families(left_out), cache=place)
+                families = _families(left_out, twins=twins)
+                screen = named.screened(arm, asked, families, cache=place)
             else:
                 screen = (known[0].of(asked), known[1])
             if arm is not Arm.DEPTH:
@@ -121,12 +124,17 @@ def _subjects(
     ]
 
 
-def _families(left_out: str | None) -> list[str] | None:
-    """Families that are tried: all but that of one effect."""
+def _families(left_out: str | None, *, twins: bool) -> list[str] | None:
+    """Families that are tried: all but that of one effect, and of those that it looks like."""
     if left_out is None:
         return None
-    gone = effects.named(left_out).family
-    return sorted({row.family for row in effects.table()} - {gone})
+    table, gone = effects.table(), effects.named(left_out)
+    alike = [
+        row.family
+        for row in table
+        if twins and (row.name in gone.confused_with or left_out in row.confused_with)
+    ]
+    return sorted({row.family for row in table} - {gone.family, *alike})
 
 
 def _baselines(arm: Found, *, seed: int) -> dict[str, str | None]:
@@ -155,6 +163,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=Path,
         help="JSON file: by capture set an effect whose family is not to be tried; others wait",
     )
+    parser.add_argument(
+        "--twins", action="store_true", help="nor the families of what it is confused with"
+    )
     asked = parser.parse_args(arguments)
     crew.alone()
     return program.run(
@@ -165,6 +176,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             against=None if asked.against is None else capture.open_set(asked.against),
             cache=asked.cache,
             without=None if asked.without is None else json.loads(asked.without.read_text()),
+            twins=asked.twins,
             tell=tell,
         )
     )

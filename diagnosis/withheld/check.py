@@ -18,7 +18,7 @@ from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.figure import figure
 from diagnosis.withheld.real_pairs import RealPairs
 from diagnosis.withheld.rendered import Rendered
-from diagnosis.withheld.scene_set import SceneSet
+from diagnosis.withheld.scene_set import SceneSet, Table
 from diagnosis.withheld.source import Source
 from diagnosis.withheld.tier import Tier
 from diagnosis.withheld.verdict import Arm
@@ -139,24 +139,32 @@ class Check:
             WithheldError: if a verdict is missing or damaged.
         """
         left_out = self._left_out(cases, singles)
-        answered, again = [], []
-        for one in self.sets:
-            answered += one.answered(self._of(cases, one.number))
-            again += one.answered(self._of(left_out, one.number), left_out=True)
+        answered = self._answered(cases, "whole")
+        alone, twins = (
+            self._answered(left_out, table) for table in ("without family", "without twins")
+        )
         told = {}
         if (arm := self.tier.arm) is not None:
             told["matcher_noticed"] = _noticed(answered)
-            answered, again = _of_arm(answered, arm), _of_arm(again, arm)
+            answered, alone, twins = (_of_arm(those, arm) for those in (answered, alone, twins))
         path = self.place / "opened"
         opened = len(path.read_text(encoding="utf-8").splitlines()) + 1 if path.exists() else 1
         with path.open("a", encoding="utf-8") as file:
-            file.write(f"{opened}: {len(answered)} and {len(again)} verdicts\n")
+            file.write(f"{opened}: {len(answered)} and twice {len(twins)} verdicts\n")
         camera = self.sets[0].source.camera
         if self.power:
             told |= {"tier": self.tier.number, "power": power.curves(answered, camera)}
         else:
-            told |= score.score(answered, camera, tier=self.tier.number, left_out=again)
+            tier = self.tier.number
+            told |= score.score(answered, camera, tier=tier, left_out=twins, family_alone=alone)
         return {**told, "infrared": self.infrared, "opened": opened}
+
+    def _answered(self, cases: Sequence[Case], table: Table) -> list[Answered]:
+        return [
+            answer
+            for one in self.sets
+            for answer in one.answered(self._of(cases, one.number), table=table)
+        ]
 
     def _drawn(self, singles: int | None) -> tuple[Case, ...]:
         source = self.sets[0].source

@@ -68,6 +68,7 @@ def diagnose(
     *,
     against: Path | None = None,
     without: Mapping[str, str] | None = None,
+    twins: bool = False,
 ) -> None:
     """Diagnose a folder of capture sets.
 
@@ -78,6 +79,7 @@ def diagnose(
         cache: Folder that keeps what effects do to the scenes.
         against: Capture set that each is compared with; None: with simulation.
         without: By capture set, an effect that is taken from the diagnosis' table with its family.
+        twins: Also take the families of effects that the table says it is confused with.
     """
     arguments = [str(cases), str(out), "--sensor", str(sensor), "--cache", str(cache)]
     if against is not None:
@@ -86,7 +88,7 @@ def diagnose(
         out.mkdir(parents=True, exist_ok=True)
         path = out / ".without"
         path.write_text(json.dumps(dict(without)), encoding="utf-8")
-        arguments += ["--without", str(path)]
+        arguments += ["--without", str(path), *(["--twins"] if twins else [])]
     _run("diagnosis.batch", arguments)
 
 

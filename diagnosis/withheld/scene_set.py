@@ -6,12 +6,16 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from diagnosis.withheld import programs, verdict
 from diagnosis.withheld.answered import Answered
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.source import Source
+
+# Of the diagnosis' table; twins are the effects that it says one is confused with.
+Table = Literal["whole", "without family", "without twins"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -28,36 +32,50 @@ class SceneSet:
 
         Args:
             cases: Of this set.
-            left_out: Those that are diagnosed again without their effect's family.
+            left_out: Those that are diagnosed twice more: without their effect's family, and
+                without the families of its twins too.
 
         Raises:
             WithheldError: if a program fails.
         """
-        first = [one for one in cases if not self._verdict("verdicts", one).exists()]
-        again = [one for one in left_out if not self._verdict("left out", one).exists()]
-        wanted = {one.number: one for one in (*first, *again)}
+        tables: dict[Table, Sequence[Case]] = {
+            "whole": cases,
+            "without family": left_out,
+            "without twins": left_out,
+        }
+        todo = {
+            table: [one for one in those if not self._verdict(table, one).exists()]
+            for table, those in tables.items()
+        }
+        wanted = {one.number: one for those in todo.values() for one in those}
         missing = [one for one in wanted.values() if not (self._cases / one.name).exists()]
         if missing:
             self._shoot(missing)
-        sensor, cache, against = self.source.sensor, self.source.cache, self.source.against
-        if first:
-            out = self.folder / "verdicts"
-            programs.diagnose(self._cases, out, sensor, cache, against=against)
-        if again:
-            without = {one.name: _row(one) for one in left_out}
-            out = self.folder / "left out"
-            programs.diagnose(self._cases, out, sensor, cache, against=against, without=without)
+        for table, those in todo.items():
+            if those:
+                programs.diagnose(
+                    self._cases,
+                    self.folder / table,
+                    self.source.sensor,
+                    self.source.cache,
+                    against=self.source.against,
+                    without=None if table == "whole" else {one.name: _row(one) for one in left_out},
+                    twins=table == "without twins",
+                )
         shutil.rmtree(self._cases, ignore_errors=True)  # Seeds and truth make them again.
 
-    def answered(self, cases: Sequence[Case], *, left_out: bool = False) -> list[Answered]:
+    def answered(self, cases: Sequence[Case], *, table: Table = "whole") -> list[Answered]:
         """Read the verdicts.
+
+        Args:
+            cases: Of this set.
+            table: What of the diagnosis' table was tried.
 
         Raises:
             WithheldError: if one is missing or damaged.
         """
-        kind = "left out" if left_out else "verdicts"
         return [
-            Answered(case=one, verdict=verdict.read(self._verdict(kind, one)), scenes=self.number)
+            Answered(case=one, verdict=verdict.read(self._verdict(table, one)), scenes=self.number)
             for one in cases
         ]
 
@@ -65,8 +83,8 @@ class SceneSet:
     def _cases(self) -> Path:
         return self.folder / "cases"
 
-    def _verdict(self, kind: str, case: Case) -> Path:
-        return self.folder / kind / f"{case.name}.json"
+    def _verdict(self, table: Table, case: Case) -> Path:
+        return self.folder / table / f"{case.name}.json"
 
     def _shoot(self, cases: Sequence[Case]) -> None:
         """Take captures in a place aside, as nobody may see half of one."""

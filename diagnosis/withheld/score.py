@@ -20,6 +20,7 @@ def score(
     *,
     tier: int,
     left_out: Sequence[Answered] = (),
+    family_alone: Sequence[Answered] = (),
 ) -> dict[str, Any]:
     """Score verdicts on cases.
 
@@ -28,7 +29,8 @@ def score(
         nominal: The camera of the cases.
         tier: Of the check, 1 to 4; the goals depend on it.
         left_out: Singles once more, with the verdicts of a diagnosis that the true effect's family
-            was taken from: it ought to say that it knows none.
+            and its twins' were taken from: it ought to say that it knows none.
+        family_alone: The same without the family alone: twins may rightly be named.
 
     Returns:
         The scores by name as JSON has them, rates in 0..1, None where no case tells. `intervals`
@@ -38,7 +40,7 @@ def score(
         WithheldError: if a case left out is no single, a single is at its neutral, or there is no
             such tier.
     """
-    for one in left_out:
+    for one in (*left_out, *family_alone):
         if one.case.kind != "single":
             name = f"case {one.case.number}"
             raise refusal(name, "must be a single to be left out", one.case.kind, "Leave it away.")
@@ -57,6 +59,7 @@ def score(
         "unknown_recall": figure([*of["unknown"], *left_out], lambda one: one.unknown),
         "unknown_recall_outside": figure(of["unknown"], lambda one: one.unknown),
         "unknown_recall_left_out": figure(left_out, lambda one: one.unknown),
+        "unknown_recall_family": figure(family_alone, lambda one: one.unknown),
         "unknown_false": figure(known, lambda one: one.unknown),
         **_closed([*of["single"], *of["pair"]]),
     }
@@ -73,7 +76,7 @@ def score(
         "confusion": breakdown.confusion(answered, left_out),
         "baselines": breakdown.baselines(of["single"]),
         "closed_by_metric": breakdown.closed_by_metric([*of["single"], *of["pair"]]),
-        "seconds": math.fsum(one.verdict.seconds for one in (*answered, *left_out)),
+        "seconds": math.fsum(one.verdict.seconds for one in (*answered, *left_out, *family_alone)),
         "intervals": _intervals({key: figures[key] for key in asked}, (*answered, *left_out)),
         "goals": asked,
         "failures": breakdown.failures(answered, left_out),

@@ -29,7 +29,7 @@ class Tier:
     height: int = 240
     frames: int = 2
     counts: Mapping[CaseKind, int]
-    left_out: int = 0  # Singles that are diagnosed again without their effect's family.
+    left_out: int = 0  # Singles that are diagnosed again without their effect's family and twins.
     kinds: tuple[Kind, ...] = ("image", "post")
     # What is scored; None: all that is said. Another matcher differs in every case, null or not.
     arm: Arm | None = None

@@ -24,7 +24,7 @@ Make = Callable[..., Any]
 RATES = (
     "top1", "top1_family", "in_set", "answered", "top1_of_answered", "coverage", "false_alarm",
     "false_named", "pairs_both", "pairs_both_named", "pairs_first", "unknown_recall",
-    "unknown_recall_outside", "unknown_recall_left_out", "unknown_false",
+    "unknown_recall_outside", "unknown_recall_left_out", "unknown_recall_family", "unknown_false",
     "closed_not_identifiable",
 )  # fmt: skip
 
@@ -136,16 +136,18 @@ def test_unknowns_by_hand(effect: Make, say: Make, answer: Make, camera: Nominal
         camera,
         tier=3,
         left_out=[answer(blur, unknown, number=4, scenes=1)],
+        family_alone=[answer(blur, veil, number=4, scenes=1)],
     )
     assert found["cases"] == {"null": 0, "single": 0, "pair": 0, "unknown": 4}
     assert found["unknown_recall"] == 2 / 4
     assert (found["unknown_recall_outside"], found["unknown_recall_left_out"]) == (1 / 3, 1.0)
+    assert found["unknown_recall_family"] == 0.0
     assert found["unknown_false"] is None and found["top1"] is None
     assert found["confusion"] == {
         "left out: lens_blur": {"none of the known": 1},
         "outside: lens_ghost": {"no gap": 1, "none of the known": 1, "veil": 1},
     }
-    assert found["seconds"] == 8.0
+    assert found["seconds"] == 10.0
 
 
 @pytest.mark.parametrize(
@@ -317,6 +319,8 @@ def test_refused_scores(effect: Make, say: Make, answer: Make, camera: Nominal) 
     null = answer({}, say("no gap"), number=7)
     with pytest.raises(WithheldError, match="case 7 must be a single to be left out; got null"):
         score([], camera, tier=1, left_out=[null])
+    with pytest.raises(WithheldError, match="case 7 must be a single to be left out; got null"):
+        score([], camera, tier=1, family_alone=[null])
     with pytest.raises(WithheldError, match=r"tier must be one of \(1, 2, 3, 4\); got 5"):
         score([null], camera, tier=5)
     idle = answer({"lens_blur": 0.4}, say("effects", effect("lens_blur")))
