@@ -63,8 +63,8 @@ def _departure(row: Row, sides: Any, camera: Nominal) -> float:
     if not all(isinstance(side, int | float) for side in known):
         raise refusal(f"limit of {row.name}", "must be numbers", sides, _ADVICE)
     least = max((row.departure(camera, float(side)) for side in known), default=float("inf"))
-    # From off to its weakest value is a leap, in which no strength was simulated.
-    return max(least, row.low) if row.scale == "inverse" else least
+    # No noise hides what acts on a map that is there: as weak as its page has it, and no weaker.
+    return max(least, row.low) if row.kind == "post" else least
 
 
 def _choices(row: Row, told: Any) -> tuple[float, ...]:

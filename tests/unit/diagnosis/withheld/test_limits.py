@@ -23,6 +23,7 @@ def test_a_limit_is_to_the_side_that_is_found_later(
         "veil": [None, None],
         "sunlight": [None, 2],
         "edge_jump": [4, None],
+        "pixel_locking": [-0.0005, 0.0005],  # Its page begins at 0.02.
     }
     _told(told, tmp_path, monkeypatch)
     found = limits.read(camera)
@@ -30,6 +31,7 @@ def test_a_limit_is_to_the_side_that_is_found_later(
         "gamma": pytest.approx(0.3),
         "veil": float("inf"),
         "edge_jump": 0.25,
+        "pixel_locking": 0.02,
     }
     assert found.choices == {}
 
