@@ -34,6 +34,8 @@ POWER = 0.5
 _STEPS = 16  # Strengths tried between two nodes.
 _ROUGH = 4  # Likewise, where an effect's strength is looked for.
 _CLOSER = 4  # Times that an effect is simulated where it was just found.
+_DEVICES = (101, 102, 103, 104)  # Whose readings with an effect are looked at in the end.
+_STRONGER = 1.5  # Departure over the last one, where too few of them are found.
 
 Limits = tuple[Value | None, Value | None] | dict[str, list[Value]]
 
@@ -80,7 +82,7 @@ def _limits(of: Signature, table: Bench, screen: Screen) -> Limits:
 def _side(of: Signature, table: Bench, screen: Screen, *, upwards: bool) -> Value | None:
     """The least value found to one side, simulated there: few effects grow in proportion."""
     base = float(of.candidate.base)
-    side = [node for node in of.candidate.nodes if (float(node) > base) == upwards]
+    side = [float(node) for node in of.candidate.nodes if (float(node) > base) == upwards]
     if not side:
         return None
     least = _least(of, screen, upwards=upwards)
@@ -92,6 +94,10 @@ def _side(of: Signature, table: Bench, screen: Screen, *, upwards: bool) -> Valu
             break
         of = with_node(of, least, table)
         least = _least(of, screen, upwards=upwards)
+    while least is not None and not _found_on_devices(of, least, table, screen):
+        least = base + _STRONGER * (float(least) - base)
+        if not min(side) <= least <= max(side):
+            return None
     return least
 
 
@@ -115,6 +121,22 @@ def _found(of: Signature, place: float, screen: Screen) -> bool:
         likelihood = base.likelihood(reading + of.at(place), screen.weight)
         enough += fit(of, likelihood, screen.folds, steps=_ROUGH).total >= screen.threshold
     return enough >= POWER * len(readings)
+
+
+def _found_on_devices(of: Signature, value: Value, table: Bench, screen: Screen) -> bool:
+    """Whether half of some devices give it enough gain: each has noise, dots and pixels of its own.
+
+    Of matcher and filters nothing is drawn.
+    """
+    if table.arm is Arm.DEPTH:
+        return True
+    enough = 0
+    for number in _DEVICES:
+        reading = table.another({of.name: value}, number=number)
+        assert reading is not None  # Neighbouring nodes could be simulated.
+        likelihood = screen.base.likelihood(reading, screen.weight)
+        enough += fit(of, likelihood, screen.folds, steps=_ROUGH).total >= screen.threshold
+    return enough >= POWER * len(_DEVICES)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
