@@ -96,7 +96,7 @@ def _side(of: Signature, table: Bench, screen: Screen, *, upwards: bool) -> Valu
         least = _least(of, screen, upwards=upwards)
     while least is not None and not _found_on_devices(of, least, table, screen):
         least = base + _STRONGER * (float(least) - base)
-        if not min(side) <= least <= max(side):
+        if abs(least - base) > max(abs(node - base) for node in side):
             return None
     return least
 
