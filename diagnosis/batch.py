@@ -17,7 +17,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from diagnosis import crew, named, program
+from diagnosis import crew, families, named, program
 from diagnosis.reading import Reading, read
 from diagnosis.report import figures
 from diagnosis.scene_pairs import scene_pairs
@@ -79,8 +79,8 @@ def diagnose(
             if known is None:
                 # What is matched again is another case's no longer.
                 place = None if arm is Arm.DEPTH else cache
-                families = _families(left_out, twins=twins)
-                screen = named.screened(arm, asked, families, cache=place)
+                tried = _families(left_out, twins=twins)
+                screen = named.screened(arm, asked, tried, cache=place)
             else:
                 screen = (known[0].of(asked), known[1])
             if arm is not Arm.DEPTH:
@@ -128,13 +128,9 @@ def _families(left_out: str | None, *, twins: bool) -> list[str] | None:
     """Families that are tried: all but that of one effect, and of those that it looks like."""
     if left_out is None:
         return None
-    table, gone = effects.table(), effects.named(left_out)
-    alike = [
-        row.family
-        for row in table
-        if twins and (row.name in gone.confused_with or left_out in row.confused_with)
-    ]
-    return sorted({row.family for row in table} - {gone.family, *alike})
+    gone = effects.named(left_out)
+    alike = [effects.named(name).family for name in (families.twins(gone) if twins else ())]
+    return sorted({row.family for row in effects.table()} - {gone.family, *alike})
 
 
 def _baselines(arm: Found, *, seed: int) -> dict[str, str | None]:

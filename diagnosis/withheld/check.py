@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import multiprocessing
+import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from diagnosis.withheld import case, limits, power, score, seal
+from diagnosis.withheld import case, limits, power, programs, score, seal
 from diagnosis.withheld.answered import Answered
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.catalogue import ROWS
@@ -101,13 +102,14 @@ class Check:
                 how many of each effect and level.
 
         Raises:
-            WithheldError: if a renderer fails, the truth is not what was sealed, or the detection
-                limits cannot be read.
+            WithheldError: if a renderer fails, the truth or the diagnosis' families are not what
+                was sealed, or the detection limits cannot be read.
         """
         self._each(_prepare, [(one,) for one in self.sets])
+        families = self._families()
         if not (self.hidden / seal.TRUTH).exists():
-            seal.seal(self._drawn(singles), self.hidden, self.place)
-        return seal.verify(self.hidden, self.place)
+            seal.seal(self._drawn(singles), families, self.hidden, self.place)
+        return seal.verify(families, self.hidden, self.place)
 
     def diagnosed(self, cases: Sequence[Case], singles: int | None = None) -> None:
         """Have all cases diagnosed that are not yet.
@@ -165,6 +167,12 @@ class Check:
             for one in self.sets
             for answer in one.answered(self._of(cases, one.number), table=table)
         ]
+
+    def _families(self) -> bytes:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, seal.FAMILIES)
+            programs.families(path)
+            return path.read_bytes()
 
     def _drawn(self, singles: int | None) -> tuple[Case, ...]:
         source = self.sets[0].source

@@ -60,6 +60,11 @@ def depth(cases: Path, sensor: Path) -> None:
     _run("diagnosis.own_depth", [str(cases), "--sensor", str(sensor)])
 
 
+def families(out: Path) -> None:
+    """Write which families the diagnosis' table has, and what each effect is confused with."""
+    _run("diagnosis.families", [str(out)])
+
+
 def diagnose(
     cases: Path,
     out: Path,

@@ -1,4 +1,7 @@
-"""Sealing: what was done is put away, and its fingerprint published before anybody looks."""
+"""Sealing: what was done is put away, and its fingerprint published before anybody looks.
+
+Beside it that of the diagnosis' families, which must not be drawn anew once answers are known.
+"""
 
 from __future__ import annotations
 
@@ -12,51 +15,66 @@ from diagnosis.withheld.case import Case
 from diagnosis.withheld.errors import refusal
 
 TRUTH = "truth.json"
+FAMILIES = "families.json"
 SEAL = "truth.sha256"
 
 
-def seal(cases: Sequence[Case], hidden: Path, public: Path) -> str:
-    """Put the truth into one folder and its fingerprint into another.
+def seal(cases: Sequence[Case], families: bytes, hidden: Path, public: Path) -> str:
+    """Put the truth into one folder, and its fingerprint and the families into another.
 
     Args:
         cases: The cases drawn.
+        families: What `FAMILIES` is to hold.
         hidden: Folder that the diagnosis cannot read; made where there is none.
         public: Folder for the SHA-256; made where there is none.
 
     Returns:
-        The SHA-256 in hexadecimal digits.
+        The SHA-256 of the truth in hexadecimal digits.
 
     Raises:
         WithheldError: if both are one folder, or a truth or seal lies there already.
     """
     if hidden.resolve() == public.resolve():
         raise refusal("hidden and public", "must be two folders", hidden, "Part them.")
-    for path in (hidden / TRUTH, public / SEAL):
+    for path in (hidden / TRUTH, public / FAMILIES, public / SEAL):
         if os.path.lexists(path):
             raise refusal("seal", "must not be broken", path, "Give new folders.")
     text = case.dumps(cases).encode()
-    digest = hashlib.sha256(text).hexdigest()
+    digest = _digest(text)
     hidden.mkdir(parents=True, exist_ok=True)
     public.mkdir(parents=True, exist_ok=True)
     _write(hidden / TRUTH, text)
-    _write(public / SEAL, f"{digest}  {TRUTH}\n".encode())
+    _write(public / FAMILIES, families)
+    _write(public / SEAL, f"{digest}  {TRUTH}\n{_digest(families)}  {FAMILIES}\n".encode())
     return digest
 
 
-def verify(hidden: Path, public: Path) -> tuple[Case, ...]:
-    """Open the truth after making sure that it is the one that was sealed.
+def verify(families: bytes, hidden: Path, public: Path) -> tuple[Case, ...]:
+    """Open the truth after making sure that it and the families are those that were sealed.
+
+    Args:
+        families: Those that the diagnosis has now.
+        hidden: Folder of the truth.
+        public: Folder of the seal.
 
     Raises:
-        WithheldError: if either file is missing, or the truth is not what was sealed.
+        WithheldError: if truth or seal is missing, or either is not what was sealed.
     """
     try:
         text = (hidden / TRUTH).read_bytes()
-        digest = (public / SEAL).read_text(encoding="ascii").split()[0]
-    except (OSError, UnicodeDecodeError, IndexError) as error:
+        of_truth, of_families = (public / SEAL).read_text(encoding="ascii").split()[::2]
+    except (OSError, ValueError) as error:
         raise refusal("seal", "must have a truth and a fingerprint", hidden, f"{error}.") from error
-    if hashlib.sha256(text).hexdigest() != digest:
+    if _digest(text) != of_truth:
         raise refusal("truth", "must be the one sealed", hidden / TRUTH, "It was changed since.")
+    if _digest(families) != of_families:
+        rule, advice = "must be those sealed", "The diagnosis' table was changed since."
+        raise refusal("families", rule, public / FAMILIES, advice)
     return case.loads(text.decode())
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -16,7 +16,16 @@ from typing import Any
 import pytest
 
 import starling
-from diagnosis import batch, captured_camera, check_camera, detection, light_sets, named, own_depth
+from diagnosis import (
+    batch,
+    captured_camera,
+    check_camera,
+    detection,
+    families,
+    light_sets,
+    named,
+    own_depth,
+)
 from diagnosis.which.candidates import candidates as all_candidates
 from diagnosis.withheld import __main__ as program
 from diagnosis.withheld import catalogue, check, limits, power, programs, seal, tier
@@ -44,6 +53,7 @@ IN_PROCESS = {
     "diagnosis.light_sets": light_sets.main,
     "diagnosis.captured_camera": captured_camera.main,
     "diagnosis.own_depth": own_depth.main,
+    "diagnosis.families": families.main,
     "diagnosis.batch": batch.main,
 }
 

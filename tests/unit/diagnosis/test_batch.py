@@ -1,8 +1,11 @@
-"""What of the table is tried where an effect is left out."""
+"""What of the table is tried where an effect is left out, and what is told of the table."""
 
 from __future__ import annotations
 
-from diagnosis import batch
+import json
+from pathlib import Path
+
+from diagnosis import batch, families
 from sim import effects
 
 ALL = {row.family for row in effects.table()}
@@ -19,3 +22,13 @@ def test_a_family_goes_and_with_twins_all_that_look_alike():
     # Its own page names the last two and projector power, whose page names it.
     twins = {"signal_gain", "ambient_gradient", "transparency"}
     assert both is not None and ALL - set(both) == {"reflectance", *twins}
+
+
+def test_families_are_written_whole(tmp_path: Path):
+    assert families.main([str(tmp_path / "told.json")]) == 0
+    told = json.loads((tmp_path / "told.json").read_text())
+    assert {one["family"] for one in told.values()} == ALL and set(told) == {
+        row.name for row in effects.table()
+    }
+    assert "nir_reflectance" in told["projector_power"]["twins"]
+    assert all(name in told[twin]["twins"] for name in told for twin in told[name]["twins"])

@@ -204,22 +204,28 @@ def test_refused_cases(camera: Nominal) -> None:
 def test_a_seal_holds(tmp_path: Path, camera: Nominal) -> None:
     hidden, public = tmp_path / "hidden", tmp_path / "public"
     drawn = draw(camera, COUNTS, entropy=7)
-    digest = seal.seal(drawn, hidden, public)
-    assert (public / "truth.sha256").read_text() == f"{digest}  truth.json\n"
-    assert [path.name for path in public.iterdir()] == ["truth.sha256"]
-    assert seal.verify(hidden, public) == drawn
+    digest = seal.seal(drawn, b"{}", hidden, public)
+    first, second = (public / "truth.sha256").read_text().splitlines()
+    assert first == f"{digest}  truth.json" and second.endswith("  families.json")
+    assert {path.name for path in public.iterdir()} == {"truth.sha256", "families.json"}
+    assert seal.verify(b"{}", hidden, public) == drawn
 
 
 def test_broken_seals(tmp_path: Path, camera: Nominal) -> None:
     hidden, public = tmp_path / "hidden", tmp_path / "public"
     with pytest.raises(WithheldError, match="must have a truth and a fingerprint"):
-        seal.verify(hidden, public)
+        seal.verify(b"", hidden, public)
     with pytest.raises(WithheldError, match="must be two folders"):
-        seal.seal((), hidden, hidden)
-    seal.seal(draw(camera, {"null": 2}), hidden, public)
+        seal.seal((), b"", hidden, hidden)
+    seal.seal(draw(camera, {"null": 2}), b"", hidden, public)
     with pytest.raises(WithheldError, match="seal must not be broken"):
-        seal.seal((), hidden, tmp_path / "other")
+        seal.seal((), b"", hidden, tmp_path / "other")
+    with pytest.raises(WithheldError, match="families must be those sealed"):
+        seal.verify(b"{}", hidden, public)
     truth = hidden / "truth.json"
     truth.write_text(truth.read_text().replace("null", "pair", 1))
     with pytest.raises(WithheldError, match="truth must be the one sealed"):
-        seal.verify(hidden, public)
+        seal.verify(b"", hidden, public)
+    (public / "truth.sha256").write_text("none")
+    with pytest.raises(WithheldError, match="must have a truth and a fingerprint"):
+        seal.verify(b"", hidden, public)
