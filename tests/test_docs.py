@@ -14,8 +14,8 @@ import pytest
 from sim.reason import LABELS
 
 ROOT = Path(__file__).parents[1]
-_LONG = {  # A minute each.
-    *("02-what-a-real-camera-adds", "04-calibrate"),
+_LONG = {  # Up to a minute each.
+    *("02-what-a-real-camera-adds", "03-new-camera", "04-calibrate"),
     *("05-learn-the-holes", "06-diagnose"),
 }
 TUTORIALS = [

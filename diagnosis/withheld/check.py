@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import multiprocessing
-import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -169,10 +168,12 @@ class Check:
         ]
 
     def _families(self) -> bytes:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, seal.FAMILIES)
-            programs.families(path)
+        path = self.out / f".{seal.FAMILIES}"
+        programs.families(path)
+        try:
             return path.read_bytes()
+        finally:
+            path.unlink()
 
     def _drawn(self, singles: int | None) -> tuple[Case, ...]:
         source = self.sets[0].source

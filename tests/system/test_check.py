@@ -262,9 +262,13 @@ def test_a_program_that_fails_is_refused_with_what_it_said(tmp_path, monkeypatch
         programs.diagnose(tmp_path, tmp_path / "out", tmp_path / "s.toml", tmp_path / "cache")
 
 
-def test_limits_are_told_by_the_diagnosis_itself(done, patched, capsys, tmp_path):
+def test_limits_are_told_by_the_diagnosis_itself(done, monkeypatch, capsys, tmp_path):
     """A strength is found on one side, on both where the effect has both."""
     one, _ = done
+    asked = {"vignetting", "gamma", "median"}
+    monkeypatch.setattr(
+        named, "candidates", lambda *of: [one for one in all_candidates(*of) if one.name in asked]
+    )
     null = Case(number=0, kind="null", settings={}, seed=3)
     from diagnosis.withheld import shoot
 

@@ -132,6 +132,7 @@ def test_structured_light_has_no_right_image():
     assert shot.ir_right is None and shot.layers.right is None
 
 
+@pytest.mark.long
 def test_holes_do_not_move_with_samples(clutter):
     """Renderer noise must not make holes: 1 and 64 samples differ by < 0.1 points.
 

@@ -93,7 +93,7 @@ def test_share_outside_the_overlap_is_f_b_over_z(distance_m):
         assert holes == pytest.approx(wide_px / sensor.width, abs=2 / sensor.width)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_noise_follows_the_law_where_it_must_and_holes_grow_with_the_baseline():
     """z^2 / (f b) sigma within 15 % from 0.6 to 2 m and 35 to 150 mm, one sigma for all 16.
 
