@@ -25,6 +25,7 @@ from diagnosis.which.arm import Screen
 from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm
 from diagnosis.which.fit import fit, places
+from diagnosis.which.likelihood import Likelihood
 from diagnosis.which.signature import Signature, signature, with_node
 from sim import capture, progress, sensors
 from sim.effects.effect import Value
@@ -115,12 +116,14 @@ def _least(of: Signature, screen: Screen, *, upwards: bool) -> Value | None:
 
 def _found(of: Signature, place: float, screen: Screen) -> bool:
     """Whether half of the seeds, with the effect in them, give it enough gain."""
-    readings = null.readings(screen.base)
-    enough = 0
-    for base, reading in readings:
-        likelihood = base.likelihood(reading + of.at(place), screen.weight)
-        enough += fit(of, likelihood, screen.folds, steps=_ROUGH).total >= screen.threshold
-    return enough >= POWER * len(readings)
+    return _enough(
+        of,
+        [
+            base.likelihood(reading + of.at(place), screen.weight)
+            for base, reading in null.readings(screen.base)
+        ],
+        screen,
+    )
 
 
 def _found_on_devices(of: Signature, value: Value, table: Bench, screen: Screen) -> bool:
@@ -130,13 +133,18 @@ def _found_on_devices(of: Signature, value: Value, table: Bench, screen: Screen)
     """
     if table.arm is Arm.DEPTH:
         return True
-    enough = 0
-    for number in _DEVICES:
-        reading = table.another({of.name: value}, number=number)
+    readings = [table.another({of.name: value}, number=number) for number in _DEVICES]
+    likelihoods = []
+    for reading in readings:
         assert reading is not None  # Neighbouring nodes could be simulated.
-        likelihood = screen.base.likelihood(reading, screen.weight)
-        enough += fit(of, likelihood, screen.folds, steps=_ROUGH).total >= screen.threshold
-    return enough >= POWER * len(_DEVICES)
+        likelihoods.append(screen.base.likelihood(reading, screen.weight))
+    return _enough(of, likelihoods, screen)
+
+
+def _enough(of: Signature, readings: Sequence[Likelihood], screen: Screen) -> bool:
+    """Whether an effect gains as much as it has to in enough of some readings."""
+    gains = [fit(of, one, screen.folds, steps=_ROUGH).total for one in readings]
+    return sum(gain >= screen.threshold for gain in gains) >= POWER * len(readings)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

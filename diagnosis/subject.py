@@ -140,8 +140,9 @@ class Subject:
 
     def _rendered(self, scene: Scene, sensor: Sensor, settings: Mapping[str, Value]) -> Layers:
         """What is rendered, noise apart: that of the base where no effect changes it."""
-        drawn = sorted(settings.items())
-        key = tuple(one for one in drawn if named(one[0].partition(".")[0]).rerender)
+        key = tuple(
+            one for one in sorted(settings.items()) if named(one[0].partition(".")[0]).rerender
+        )
         if not key:
             return self._layers
         if key not in self._last:

@@ -37,7 +37,7 @@ def spread(values: NDArray, where: Pixels) -> float:
 
 
 def median_and_spread(values: NDArray, where: Pixels) -> tuple[float, float]:
-    """Both."""
+    """As `median` and `spread`, whose median is then taken once."""
     inside = _known(values, where)
     if inside is None:
         return float("nan"), float("nan")
