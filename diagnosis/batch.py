@@ -74,7 +74,7 @@ def diagnose(
         asked, locked = named.parted(subjects)
         left_out = None if without is None else without[folder.name]
         screens = []
-        for arm in named.open_arms(asked):
+        for arm in named.open_arms(subjects, asked):
             known = kept.get((arm, left_out))
             if known is None:
                 # What is matched again is another case's no longer.
@@ -99,7 +99,7 @@ def diagnose(
                 for arm in found.arms
             },
             "howfar": figures.howfar(found.howfar),
-            "baselines": _baselines(found.arms[0], seed=number) if found.arms else {},
+            "baselines": _baselines(found.arms, seed=number),
             "seconds": round(time.perf_counter() - begun, 3),
         }
         output.write_file(out / f"{folder.name}.json", record.dumps(figures.plain(told)).encode())
@@ -133,13 +133,13 @@ def _families(left_out: str | None, *, twins: bool) -> list[str] | None:
     return sorted({row.family for row in effects.table()} - {gone.family, *alike})
 
 
-def _baselines(arm: Found, *, seed: int) -> dict[str, str | None]:
-    """What simpler ways name, from the images where there are any."""
-    rough = arm.screen.rough
+def _baselines(arms: Sequence[Found], *, seed: int) -> dict[str, str | None]:
+    """What simpler ways name."""
+    each = [(arm.screen.rough, arm.likelihood) for arm in arms]
     return {
-        "largest_drop": rivals.largest_drop(rough, arm.likelihood),
-        "cosine": rivals.nearest(rough, arm.likelihood),
-        "random": rivals.by_lot(rough, seed=seed),
+        "largest_drop": rivals.largest_drop(each),
+        "cosine": rivals.nearest(each),
+        "random": rivals.by_lot(each, seed=seed),
     }
 
 

@@ -2,9 +2,9 @@
 
     python -m diagnosis.detection CAPTURES --sensor FILE [--cache FOLDER]
 
-Prints JSON: by effect the values below and above the base from which on its own gain passes the
-threshold in half of the simulated readings; null where no value of its range does. Of effects that
-are words or whole numbers, all values that are found.
+Prints JSON: by effect its base, and the values below and above from which on its own gain passes
+the threshold in half of the simulated readings; null where no value of its range does. Of effects
+that are a choice, all values that are found.
 
 Matcher and filters are asked about on the infrared images that the capture set holds; it should be
 one that nothing is wrong with.
@@ -38,7 +38,7 @@ _CLOSER = 4  # Times that an effect is simulated where it was just found.
 _DEVICES = (101, 102, 103, 104)  # Whose readings with an effect are looked at in the end.
 _STRONGER = 1.5  # Departure over the last one, where too few of them are found.
 
-Limits = tuple[Value | None, Value | None] | dict[str, list[Value]]
+Limits = dict[str, Value | None] | dict[str, list[Value]]
 
 
 def limits(
@@ -62,7 +62,7 @@ def limits(
     subjects = [subject(scene, sensor) for scene in capture.open_set(captures).scenes]
     asked, _ = named.parted(subjects)
     found: dict[str, Limits] = {}
-    for arm in named.open_arms(asked):
+    for arm in named.open_arms(subjects, asked):
         place = None if arm is Arm.DEPTH else cache
         table, screen = named.screened(arm, asked, None, always=True, cache=place, tell=tell)
         found |= {one.name: _limits(one, table, screen) for one in screen.rough}
@@ -72,7 +72,11 @@ def limits(
 def _limits(of: Signature, table: Bench, screen: Screen) -> Limits:
     candidate = of.candidate
     if candidate.numeric:
-        return _side(of, table, screen, upwards=False), _side(of, table, screen, upwards=True)
+        return {
+            "base": candidate.base,
+            "below": _side(of, table, screen, upwards=False),
+            "above": _side(of, table, screen, upwards=True),
+        }
     # What is tried first is not all there is.
     whole = signature(candidate, table, candidate.nodes) or of
     tried = range(len(whole.values))
@@ -97,6 +101,7 @@ def _side(of: Signature, table: Bench, screen: Screen, *, upwards: bool) -> Valu
         least = _least(of, screen, upwards=upwards)
     while least is not None and not _found_on_devices(of, least, table, screen):
         least = base + _STRONGER * (float(least) - base)
+        least = float(round(least)) if of.candidate.whole else least
         if abs(least - base) > max(abs(node - base) for node in side):
             return None
     return least
@@ -134,11 +139,9 @@ def _found_on_devices(of: Signature, value: Value, table: Bench, screen: Screen)
     if table.arm is Arm.DEPTH:
         return True
     readings = [table.another({of.name: value}, number=number) for number in _DEVICES]
-    likelihoods = []
-    for reading in readings:
-        assert reading is not None  # Neighbouring nodes could be simulated.
-        likelihoods.append(screen.base.likelihood(reading, screen.weight))
-    return _enough(of, likelihoods, screen)
+    known = [reading for reading in readings if reading is not None]
+    likelihoods = [screen.base.likelihood(reading, screen.weight) for reading in known]
+    return len(known) == len(readings) and _enough(of, likelihoods, screen)
 
 
 def _enough(of: Signature, readings: Sequence[Likelihood], screen: Screen) -> bool:

@@ -45,7 +45,7 @@ def diagnose_captures(
         cache: folder that keeps what is simulated, for other runs.
         families: of effects that are tried; all if none.
         leave_out: families that are not.
-        fix: write the sensor with the accepted effects in.
+        fix: write the sensor with the accepted effects in; none where they exclude each other.
         residual: learn what physics misses, and tell how far that reaches.
         force: replace what was written before.
         asked: more arguments for the record.
@@ -76,7 +76,8 @@ def diagnose_captures(
         figures = numbers.figures(found)
         folder.write("report.json", record.dumps(figures))
         folder.write(PAGE, page(found))
-        if fix:
+        fixable = fix and found.together
+        if fixable:
             folder.write(FIXED, sensors.dumps(fixed(found, sensor)))
         folder.write(
             RECORD,
@@ -102,15 +103,20 @@ def diagnose_captures(
         **figures,
         "out": str(out),
         "report": str(out / PAGE),
+        "fixed": str(out / FIXED) if fixable else None,
         "seconds": round(time.perf_counter() - begun, 3),
     }
 
 
-def _tried(families: Sequence[str], leave_out: Sequence[str]) -> list[str]:
-    """Families that are asked for and not left out; refuses those that are none."""
+def _tried(families: Sequence[str], leave_out: Sequence[str]) -> list[str] | None:
+    """Families that are asked for and not left out, None where that is all of them; refuses those
+    that are none.
+    """
     known = sorted({row.family for row in effects.table()})
     for family in (*families, *leave_out):
         one_of("family", family, known)
+    if not families and not leave_out:
+        return None
     return [family for family in families or known if family not in leave_out]
 
 
@@ -121,4 +127,8 @@ def fixed(found: Diagnosis, sensor: Sensor) -> Sensor:
 
 def as_text(told: Mapping[str, Any]) -> str:
     """Say what `diagnose_captures` returned: the answer, and where the report is."""
-    return "\n".join([*told["says"], f"Report: {told['report']}"])
+    lines = [*told["says"], f"Report: {told['report']}"]
+    if told["fixed"] is not None:
+        standing_in = told["verdict"] == "none of the known" and told["effects"]
+        lines.append(f"Sensor: {told['fixed']}" + (", with stand-ins in it" if standing_in else ""))
+    return "\n".join(lines)

@@ -37,7 +37,8 @@ class Diagnosis:
     where: Where
     arms: tuple[Found, ...]
     settings: dict[str, Value]  # By accepted effect, all arms'.
-    tell_apart: tuple[Told, ...]  # The best capture for each pair of rivals.
+    together: bool  # Whether one sensor can have all of them.
+    tell_apart: tuple[Told, ...]  # The best capture for each accepted effect and its first rival.
     howfar: Judged | None  # None where no scene is locked or nothing is named.
     residual: Residual | None  # None where it was not asked for, or nothing could be learnt.
     shown: Shown  # A scene that pictures are made of, a locked one where there is any.
@@ -67,22 +68,27 @@ def diagnose(
 
     Raises:
         InputError: if a scene is damaged, none has geometry or reference depth, both sets differ in
-            geometry or have nothing in common, or a residual is asked for against another set.
+            geometry or have nothing in common, a residual is asked for against another set, or the
+            sensor is none of stereo.
     """
+    if sensor.kind == "structured_light":
+        rule = "must be a stereo camera's"
+        raise refuse("sensor", rule, sensor.kind, "Structured light has no pair to compare.")
     if residual and against is not None:
         rule = "must be asked of a simulation, not of another capture set"
         raise refuse("residual", rule, against.path.name, "Leave one out.")
     scenes = scene_pairs(captures, against)
     subjects = [subject(one, sensor, against=other) for one, other in tell(scenes.pairs, "scenes")]
     asked, locked = parted(subjects)
+    told = where.where(subjects)
     other = None if against is None else against.path
-    with Crew(captures.path, sensor, [one.name for one in asked], against=other) as crew:
+    with Crew(captures.path, sensor, [one.name for one in subjects], against=other) as crew:
         screens = [
             screened(arm, asked, families, cache=cache, crew=crew, tell=tell)
-            for arm in open_arms(asked)
+            for arm in open_arms(subjects, asked)
         ]
         found = named(screens, locked)
-    limits, learnt = _limits(subjects, locked, found, scenes.aside), None
+    limits, learnt = _limits(subjects, locked, found, scenes.aside, families), None
     if residual:
         try:
             learnt = learn(asked, locked, found.settings if found.together else {}, tell=tell)
@@ -94,9 +100,10 @@ def diagnose(
         scenes=tuple(one.name for one in subjects),
         locked=tuple(one.name for one in locked),
         limits=tuple(limits),
-        where=where.where(subjects),
+        where=told,
         arms=found.arms,
         settings=found.settings,
+        together=found.together,
         tell_apart=tuple(_told(found.arms, asked, tell)),
         howfar=found.howfar,
         residual=learnt,
@@ -109,8 +116,16 @@ def _limits(
     locked: Sequence[Subject],
     named: Named,
     aside: Sequence[str],
+    families: Sequence[str] | None,
 ) -> list[str]:
     found = []
+    if families is not None:
+        found.append(f"Only effects of these families were tried: {', '.join(sorted(families))}.")
+    if any(one.estimates for one in subjects):
+        found.append(
+            "Reflectance was estimated from these images: light, exposure, gain, fall-off and "
+            "reflectance are partly taken up by it, and are not separable."
+        )
     if aside:
         found.append(f"Only one of the two sets has these scenes, left aside: {', '.join(aside)}.")
     rooms = {one.room for one in subjects}
@@ -123,7 +138,10 @@ def _limits(
     elif any(one.real.device_px is None for one in subjects):
         found.append("No depth of the device's own: its matcher and filters are not judged.")
     if not named.together:
-        found.append("Effects named of images and of depth exclude each other in one sensor.")
+        found.append(
+            "Effects named of images and of depth exclude each other in one sensor: how far the "
+            "gap closes is not judged, and no sensor has them all."
+        )
     if any(one.frames < 2 for one in subjects):
         found.append("One frame a scene: noise in time is not seen.")
     return found

@@ -61,7 +61,8 @@ class Ground:
     """A scene's reference and the image that the simulator expects of it, in the left view.
 
     Bins are made from these alone, never from what is measured: where a real camera has no depth,
-    or is dark, is what is asked for.
+    or is dark, is what is asked for. Where reflectance is estimated from a capture's own image the
+    expected one follows that, smoothed.
     """
 
     info: CaptureInfo

@@ -65,10 +65,13 @@ def write(
         even = _even(sensor, Path(temporary))
         folder.write(capture_info.FILE, capture_info.dumps(info).encode())
         loaded = {name: scenes.load(name, sensor) for name in names}
-        ambient = {scene.ambient.irradiance_w_m2 for scene in loaded.values()}
+        ambient = {
+            (scene.ambient.irradiance_w_m2, scene.ambient.gradient) for scene in loaded.values()
+        }
         if len(ambient) > 1:
             raise refuse("scenes", "must share one ambient light", sorted(ambient), "Part them.")
-        told = {**nominal(sensor), "ambient_w_m2": ambient.pop()}
+        level, gradient = ambient.pop()
+        told = {**nominal(sensor), "ambient_w_m2": level, "ambient_gradient": gradient}
         folder.write(NOMINAL, json.dumps(told, indent=1).encode())
         folder.write(SENSOR, sensors.dumps(sensor).encode())
         for name, scene in tell(list(loaded.items()), "light"):
@@ -111,6 +114,7 @@ def nominal(sensor: Sensor) -> dict[str, Any]:
         "bit_depth": imager.bit_depth,
         "dn_per_e": imager.dn_per_electron / imager.gain,
         "black_level_dn": imager.black_level_dn,
+        "depth_unit_m": sensor.post.depth_unit_m,
         "read_noise_e": imager.read_noise_e,
         "shot_noise": imager.shot_noise,
         "lens_blur_px": imager.lens.blur_px,

@@ -50,11 +50,16 @@ def parted(subjects: Sequence[Subject]) -> tuple[list[Subject], list[Subject]]:
     return asked, [one for one in subjects if one.room in held]
 
 
-def open_arms(asked: Sequence[Subject]) -> list[Arm]:
-    """Arms that captures let ask about; none of one room, where nothing can be held out."""
+def open_arms(subjects: Sequence[Subject], asked: Sequence[Subject]) -> list[Arm]:
+    """Arms that captures let ask about; none of one room, where nothing can be held out.
+
+    Args:
+        subjects: all of them, as what is named is judged on those that are locked.
+        asked: those that are asked.
+    """
     if len({one.room for one in asked}) < FEWEST:
         return []
-    return [arm for arm in Arm if _has(arm, asked)]
+    return [arm for arm in Arm if _has(arm, subjects)]
 
 
 def screened(

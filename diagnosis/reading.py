@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from patterns.errors import refuse
 from sim import measurement
 from sim.capture import CapturedScene
-from sim.parts.imager import Imager
+from sim.parts.imager import BIT_DEPTHS, Imager
 from sim.sensor import Sensor
 
 if TYPE_CHECKING:  # Loads a compiler.
@@ -40,36 +40,53 @@ class Reading:
 
     @property
     def repeats(self) -> int:
-        """How many there are, of the kind that has fewest."""
+        """How many there are."""
         return min(len(one) for one in (self.left, self.device_px) if one is not None)
 
 
 def read(scene: CapturedScene, sensor: Sensor) -> Reading:
-    """Read all repeats of a captured scene, and match its infrared pairs.
+    """Read the repeats of a captured scene, and match its infrared pairs.
+
+    Of infrared and depth as many repeats are taken as there are of both, as what repeats tell
+    depends on their number.
 
     Args:
         scene: of a capture set.
         sensor: whose matcher is taken.
 
     Raises:
-        InputError: as `CapturedScene.frame`.
+        InputError: as `CapturedScene.frame`, or if there is neither a pair nor depth.
     """
     frames = [scene.frame(number) for number in scene.frames]
-    lefts = [frame.ir_left for frame in frames if frame.ir_left is not None]
-    rights = [frame.ir_right for frame in frames if frame.ir_right is not None]
+    pairs = [
+        (frame.ir_left, frame.ir_right)
+        for frame in frames
+        if frame.ir_left is not None and frame.ir_right is not None
+    ]
     depths = [frame.depth_m for frame in frames if frame.depth_m is not None]
-    paired = len(lefts) == len(rights) == len(frames)
-    left, right = (np.stack(lefts), np.stack(rights)) if paired else (None, None)
+    count = min((len(many) for many in (pairs, depths) if many), default=0)
+    if not count:
+        raise refuse(
+            f"scene {scene.name}",
+            "must hold infrared pairs or depth",
+            "neither",
+            "Leave it out, or capture one of them.",
+        )
+    left = np.stack([one for one, _ in pairs[:count]]) if pairs else None
+    right = np.stack([other for _, other in pairs[:count]]) if pairs else None
     return Reading(
         left=left,
         right=right,
         ours_px=None if left is None or right is None else matched(left[:1], right[:1], sensor),
-        device_px=np.stack([scene.info.disparity_px(one) for one in depths]) if depths else None,
+        device_px=(
+            np.stack([scene.info.disparity_px(one) for one in depths[:count]]) if depths else None
+        ),
     )
 
 
 def alike(one: Reading, other: Reading) -> tuple[Reading, Reading]:
-    """Leave of two readings what both hold: infrared, depth of the device's own, or both.
+    """Leave of two readings what both hold: infrared, depth of the device's own, or both, and of
+    repeats as many.
 
     Raises:
         InputError: if they have nothing in common.
@@ -83,12 +100,13 @@ def alike(one: Reading, other: Reading) -> tuple[Reading, Reading]:
             "one of each",
             "Capture the same of both.",
         )
+    count = min(one.repeats, other.repeats)
     first, second = (
         Reading(
-            left=each.left if paired else None,
-            right=each.right if paired else None,
+            left=None if each.left is None or not paired else each.left[:count],
+            right=None if each.right is None or not paired else each.right[:count],
             ours_px=each.ours_px if paired else None,
-            device_px=each.device_px if measured else None,
+            device_px=None if each.device_px is None or not measured else each.device_px[:count],
         )
         for each in (one, other)
     )
@@ -151,12 +169,27 @@ def as_captured(sensor: Sensor) -> Sensor:
 def measured(left: Images, right: Images, sensor: Sensor, *, memory: Memory | None = None) -> Maps:
     """Match infrared pairs (n, h, w) with all the bits that the device's own matcher reads.
 
+    Images of more bits than the sensor has are of another converter, and read as such.
+
     Returns:
         As `matched`.
     """
+    sensor = _deep_enough(sensor, max(int(left.max()), int(right.max())))
     return np.stack(
         [
             measurement.measure(one, other, sensor, causes={}, memory=memory).disparity_px
             for one, other in zip(left, right, strict=True)
         ]
     )
+
+
+def _deep_enough(sensor: Sensor, most: int) -> Sensor:
+    """The sensor with imagers that can put out a code."""
+    if most < 2**sensor.left.matched_bits:
+        return sensor
+    bits = next(depth for depth in BIT_DEPTHS if most < 2**depth)
+    left, right = (
+        dataclasses.replace(imager, bit_depth=bits, dropped_bits=0)
+        for imager in (sensor.left, sensor.right)
+    )
+    return dataclasses.replace(sensor, left=left, right=right)

@@ -10,7 +10,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis import projector_frame
+from diagnosis import estimated, projector_frame
+from diagnosis.estimated import Estimates
 from diagnosis.ground import Ground, ground
 from diagnosis.reading import (
     Maps,
@@ -34,8 +35,6 @@ from sim.effects.effect import Value
 from sim.layers import Layers
 from sim.matching.memory import Memory
 from sim.scene import Scene
-from sim.scenes import captured as surfaces
-from sim.scenes import known
 from sim.sensor import Sensor
 from sim.simulate_captures import scene_seed
 from sim.stage import Stage
@@ -55,6 +54,7 @@ class Subject:
     real: Reading
     frames: int  # Of a simulated reading.
     against: Reading | None  # What the real one is compared with; None: with simulated ones.
+    estimates: Estimates  # What else the scene may be, as far as its captures tell.
     _stage: Stage = field(repr=False)
     _layers: Layers = field(repr=False)
     _memory: Memory = field(repr=False)  # Of the captured pairs' searches.
@@ -80,6 +80,25 @@ class Subject:
         """Simulate all that a device gives: infrared as it is put out, and its own depth."""
         sensor, pairs = self._pairs(settings, seed)
         return dataclasses.replace(_put_out(sensor, pairs), device_px=_measured(sensor, pairs))
+
+    def like_captured(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
+        """Simulate what was captured: infrared where it was, depth of the device's own likewise."""
+        if self.real.left is None:
+            return self.measure(settings, seed=seed)
+        if self.real.device_px is None:
+            return self.simulate(settings, seed=seed)
+        return self.capture(settings, seed=seed)
+
+    def otherwise(self, number: int) -> Subject:
+        """The scene as another of its estimates has it.
+
+        Args:
+            number: of the estimate, from 0.
+        """
+        scene = self.estimates[number]()
+        stage = Stage(scene)
+        layers = simulate.rendered(stage, self.sensor, samples=_SAMPLES)
+        return dataclasses.replace(self, scene=scene, _stage=stage, _layers=layers, _last={})
 
     def another(self, number: int) -> Subject:
         """The scene before another device of the kind: other fixed patterns, other faulty dots.
@@ -192,13 +211,11 @@ def subject(
             of the scene is taken from here.
 
     Raises:
-        InputError: if neither geometry nor reference depth is known, an image is damaged, or both
-            captures have nothing in common.
+        InputError: if neither geometry nor reference depth is known, an image is damaged, nothing
+            was captured that depth could be told from, or both captures have nothing in common.
     """
     known_by = captured if against is None else against
-    scene = known.load(known_by, sensor)
-    if scene is None:
-        scene = surfaces.load(known_by.path, sensor)
+    scene, estimates = estimated.scene(known_by, sensor)
     base = read(known_by, sensor)
     made = of_scene(
         scene,
@@ -207,7 +224,8 @@ def subject(
         room=known_by.room,
         truth_m=known_by.truth_m(),
         real=base,
-        frames=len(known_by.frames),
+        frames=base.repeats,
+        estimates=estimates,
     )
     return made if against is None else retaken(made, captured, against=base)
 
@@ -223,12 +241,11 @@ def retaken(of: Subject, captured: CapturedScene, *, against: Reading | None) ->
     Raises:
         InputError: as `subject`.
     """
-    real, frames = read(captured, of.sensor), len(captured.frames)
+    real = read(captured, of.sensor)
     if against is not None:
         real, against = alike(real, against)
-        frames = min(real.repeats, against.repeats)
     memory = Memory(_searches(real, against))
-    return dataclasses.replace(of, real=real, against=against, frames=frames, _memory=memory)
+    return dataclasses.replace(of, real=real, against=against, frames=real.repeats, _memory=memory)
 
 
 def of_scene(
@@ -240,6 +257,7 @@ def of_scene(
     truth_m: NDArray[np.float32] | None,
     real: Reading,
     frames: int,
+    estimates: Estimates = (),
 ) -> Subject:
     """Make a subject of a scene whatever it comes from.
 
@@ -251,6 +269,7 @@ def of_scene(
         truth_m: (h, w) reference depth; None takes the rendered one.
         real: what was captured.
         frames: repeats of a simulated reading.
+        estimates: what else the scene may be, as far as its captures tell.
 
     Raises:
         InputError: if no depth is known anywhere.
@@ -278,6 +297,7 @@ def of_scene(
         real=real,
         frames=frames,
         against=None,
+        estimates=estimates,
         _stage=stage,
         _layers=layers,
         _memory=Memory(_searches(real, None)),

@@ -7,13 +7,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis import subject
 from diagnosis.reading import Reading
 from diagnosis.subject import Subject
+from diagnosis.which.arm import group
 from diagnosis.which.bench import bench
 from diagnosis.which.candidates import Arm
 from diagnosis.which.null import FLOOR
+from patterns.errors import InputError
+from sim.effects import setting
 from sim.effects.effect import Value
 from sim.scene import Scene
 from sim.scenes import builtin
@@ -24,9 +28,10 @@ _SEEDS = 4  # Of the noise of a proposed capture.
 _REPEATS = 8
 _NOTHING = Reading(left=None, right=None, ours_px=None, device_px=None)
 _MOST = 6.0  # Deviations of one feature that count: one alone must not decide.
-TOLD = 5.0  # Root sum of squared deviations from which a capture tells rivals apart.
+TOLD = 5.0  # Root sum of squares over groups of features from which a capture tells rivals apart.
 
 Setup = tuple[Scene, Sensor]
+Readings = tuple[Sequence[str], NDArray[np.float64]]  # Features, and (seeds, features).
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -45,7 +50,7 @@ class Told:
 
     capture: str
     rivals: tuple[str, str]
-    deviations: float  # Root sum of squares over features.
+    deviations: float  # Root sum of squares over groups of features.
 
     @property
     def enough(self) -> bool:
@@ -58,7 +63,12 @@ def _projector_off(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
 
 
 def _cap_on(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
-    return [(_lit(scene, 0.0), with_values(sensor, [("projector.power_w", 0.0)]))]
+    dark = dataclasses.replace(
+        _lit(scene, 0.0),
+        sun=dataclasses.replace(scene.sun, irradiance_w_m2=0.0),
+        other_projector=dataclasses.replace(scene.other_projector, power_w=0.0),
+    )
+    return [(dark, with_values(sensor, [("projector.power_w", 0.0)]))]
 
 
 def _lamp_on(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
@@ -131,30 +141,65 @@ def _squares(
     arm: Arm,
     proposal: Proposal,
 ) -> float | None:
-    """Sum over features of the squared difference of two rivals over its deviation."""
+    """Sum over groups of features of the squared difference of two rivals over its deviation."""
     total = 0.0
-    for number, (scene, sensor) in enumerate(proposal.setups(of.scene, of.sensor)):
-        taken = subject.of_scene(
-            scene,
-            sensor,
-            name=f"{of.name} {number}",
-            room=of.room,
-            truth_m=None,
-            real=_NOTHING,
-            frames=proposal.frames,
-        )
+    believed = proposal.setups(of.scene, of.sensor)
+    each = [_setups(rival, of, proposal) for rival in (one, other)]
+    for number, (scene, sensor) in enumerate(believed):
+        base = _taken(of, scene, sensor, proposal, number)
         if arm is Arm.DEPTH:
-            taken = dataclasses.replace(taken, real=taken.simulate({}, seed=0))
-        table = bench([taken], arm)
-        tables = [
-            [table.simulated(rival, seed=seed) for seed in range(1 if arm is Arm.DEPTH else _SEEDS)]
-            for rival in (one, other)
-        ]
-        known = [[t for t in of_rival if t is not None] for of_rival in tables]
-        if any(len(some) < len(all_) for some, all_ in zip(known, tables, strict=True)):
-            return None
-        first, second = (np.stack(many)[:, 0] for many in known)
-        spread = np.sqrt(0.5 * (first.var(axis=0) + second.var(axis=0)) + FLOOR**2)
-        off = np.abs(first.mean(axis=0) - second.mean(axis=0)) / spread
-        total += float(np.nansum(np.minimum(off, _MOST) ** 2))
+            base = dataclasses.replace(base, real=base.simulate({}, seed=0))
+        tables = []
+        for setups in each:
+            if setups is None:
+                return None
+            # What a rival changes is seen in the bins of what is believed.
+            taken = _taken(of, *setups[number], proposal, number)
+            taken = dataclasses.replace(taken, real=base.real, ground=base.ground)
+            table = bench([taken], arm)
+            seeds = range(1 if arm is Arm.DEPTH else _SEEDS)
+            simulated = [table.simulated({}, seed=seed) for seed in seeds]
+            known = [found for found in simulated if found is not None]
+            tables.append((table.names, np.concatenate(known)))
+        total += _apart(*tables)
     return total
+
+
+def _setups(rival: Mapping[str, Value], of: Subject, proposal: Proposal) -> Sequence[Setup] | None:
+    """A proposal done to the scene and the camera that a rival supposes; None where neither goes.
+
+    The rival is first: what is switched off in a proposal stays off.
+    """
+    try:
+        sensor, scene = setting.apply(of.sensor, of.scene, rival)
+        return proposal.setups(scene, sensor)
+    except InputError:
+        return None
+
+
+def _taken(of: Subject, scene: Scene, sensor: Sensor, proposal: Proposal, number: int) -> Subject:
+    return subject.of_scene(
+        scene,
+        sensor,
+        name=f"{of.name} {number}",
+        room=of.room,
+        truth_m=None,
+        real=_NOTHING,
+        frames=proposal.frames,
+    )
+
+
+def _apart(one: Readings, other: Readings) -> float:
+    """Squared deviations between readings, each group of features that tell alike as one."""
+    names = sorted({*one[0]} & {*other[0]})
+    first, second = (rows[:, [told.index(name) for name in names]] for told, rows in (one, other))
+    spread = np.full(len(names), FLOOR)
+    if len(first) > 1:
+        both = 0.5 * (first.var(axis=0, ddof=1) + second.var(axis=0, ddof=1))
+        spread = np.sqrt(both + FLOOR**2)
+    off = np.minimum(np.abs(first.mean(axis=0) - second.mean(axis=0)) / spread, _MOST)
+    groups: dict[str, list[float]] = {}
+    for name, deviations in zip(names, off, strict=True):
+        if np.isfinite(deviations):
+            groups.setdefault(group(name), []).append(float(deviations) ** 2)
+    return float(sum(np.mean(squares) for squares in groups.values()))

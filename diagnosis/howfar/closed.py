@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.rooms import draws
+
 _LEVEL = 0.95
 _DRAWS = 2000
 
@@ -20,13 +22,14 @@ class Closed:
     after: float
     floor: float
     closed_pct: float | None  # Ratio of sums over scenes; None where nothing can be closed.
-    interval: tuple[float, float] | None  # 95 %, bootstrap over scenes; None of one scene.
+    interval: tuple[float, float] | None  # 95 %, bootstrap over rooms; None of one room.
 
 
 def closed(
     before: Sequence[Mapping[str, float]],
     after: Sequence[Mapping[str, float]],
     floor: Sequence[Mapping[str, float]],
+    rooms: Sequence[str],
     *,
     seed: int = 0,
 ) -> dict[str, Closed]:
@@ -36,30 +39,36 @@ def closed(
         before: by figure, of each scene, with the base.
         after: with the accepted effects.
         floor: of two readings that differ by noise alone.
+        rooms: of the scenes.
         seed: of the bootstrap.
 
     Returns:
         By figure. A gap whose interval of before less floor holds 0 is no gap: not identifiable.
+        One room has no interval: there it is that every scene has a gap.
     """
     found = {}
     for name in before[0]:
         columns = [np.array([one[name] for one in many], float) for many in (before, after, floor)]
         known = np.all([np.isfinite(column) for column in columns], axis=0)
         if known.any():
-            found[name] = _closed(*(column[known] for column in columns), seed=seed)
+            of = [room for room, told in zip(rooms, known, strict=True) if told]
+            one, other, least = (column[known] for column in columns)
+            found[name] = _closed(one, other, least, of, seed=seed)
     return found
 
 
-def _closed(before: NDArray, after: NDArray, floor: NDArray, *, seed: int) -> Closed:
-    rng = np.random.default_rng(seed)
-    drawn = rng.integers(len(before), size=(_DRAWS, len(before)))
-    closable = (before - floor)[drawn].sum(axis=1)
+def _closed(
+    before: NDArray, after: NDArray, floor: NDArray, rooms: Sequence[str], *, seed: int
+) -> Closed:
+    times = draws(rooms, _DRAWS, np.random.default_rng(seed))
+    closable = times @ (before - floor)
+    several = len(set(rooms)) > 1
     tail = (1 - _LEVEL) / 2
     share, interval = None, None
-    if np.quantile(closable, tail) > 0:
-        shares = 100 * (before - after)[drawn].sum(axis=1) / closable
+    if (np.quantile(closable, tail) if several else (before - floor).min()) > 0:
         share = float(100 * (before - after).sum() / (before - floor).sum())
-        if len(before) > 1:
+        if several:
+            shares = 100 * (times @ (before - after)) / closable
             low, high = np.quantile(shares, (tail, 1 - tail))
             interval = (float(low), float(high))
     return Closed(

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 from diagnosis.howfar.closed import Closed, closed
 from diagnosis.howfar.distances import distances
-from diagnosis.reading import Reading
 from diagnosis.subject import Subject
 from diagnosis.which import null
 from diagnosis.which.arm import Found
@@ -60,34 +59,27 @@ def judged(locked: Sequence[Subject], settings: Settings, arms: Sequence[Found])
             for row, size in zip(many, of.sizes(by), strict=True):
                 row[name] = float(size)
         shares |= _shares(arm, table, likelihood)
-    return Judged(figures=closed(before, after, floor), shares=shares)
+    return Judged(figures=closed(before, after, floor, [one.room for one in locked]), shares=shares)
 
 
 def _figures(of: Subject, settings: Settings) -> tuple[dict[str, float], ...]:
     """Distances before, after and floor of one scene."""
     if of.against is not None:
         return {}, {}, {}
-    return (
-        _distances(of.real, of, {}),
-        _distances(of.real, of, settings),
-        _distances(drawn(of, settings, OTHER), of, settings),
+    before, after = (
+        [of.like_captured(one, seed=seed) for seed in range(DRAWS)] for one in ({}, settings)
     )
-
-
-def _distances(real: Reading, of: Subject, settings: Settings) -> dict[str, float]:
-    readings = [drawn(of, settings, seed) for seed in range(DRAWS)]
-    return distances(real, readings, of.ground)
-
-
-def drawn(of: Subject, settings: Settings, seed: int) -> Reading:
-    """A simulated reading of what was captured: with depth of the device's own where it was."""
-    make = of.simulate if of.real.device_px is None else of.capture
-    return make(settings, seed=seed)
+    other = of.like_captured(settings, seed=OTHER)
+    return (
+        distances(of.real, before, of.ground),
+        distances(of.real, after, of.ground),
+        distances(other, after, of.ground),
+    )
 
 
 def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likelihood, Likelihood]:
     """The locked scenes' features: of the real readings, and of simulated ones in their place."""
-    table = dataclasses.replace(arm.bench, subjects=tuple(locked), crew=None, _kept={})
+    table = dataclasses.replace(arm.bench, subjects=tuple(locked), _kept={})
     base, weight = null.base(table), arm.screen.weight
     other = table.simulated(arm.settings, seed=OTHER)
     assert other is not None

@@ -18,11 +18,11 @@ import numpy as np
 
 from diagnosis.howfar import holes
 from diagnosis.howfar.closed import closed
-from diagnosis.howfar.judged import DRAWS, OTHER, Settings, drawn
+from diagnosis.howfar.judged import DRAWS, OTHER, Settings
 from diagnosis.reading import Reading
 from diagnosis.subject import Subject
 from learning import registry
-from learning.example import Example
+from learning.example import Example, Physics
 from learning.learnable import known_holes
 from learning.physics_probability import physics_probability
 from patterns.errors import refuse
@@ -92,23 +92,34 @@ def learn(
         tell: wraps loops that take long.
 
     Raises:
-        InputError: if no scene is locked, one has no depth, or nothing can be learnt from those
-            that are asked (`learning.learnable`).
+        InputError: if no scene is locked, or nothing can be learnt from those that are asked
+            (`learning.learnable`).
     """
     if not locked:
         raise refuse("locked scenes", "must be at least 1", 0, "Take captures of four rooms.")
 
-    def told(by: Settings, real: Callable[[Subject], Reading]) -> _Told:
-        many = [_example(one, by, real(one)) for one in tell([*asked, *locked], "holes simulated")]
+    subjects = [*asked, *locked]
+
+    def simulated(by: Settings) -> list[Physics]:
+        each = tell(subjects, "holes simulated")
+        return [one.physics(by, seeds=range(DRAWS)) for one in each]
+
+    def told(physics: Sequence[Physics], real: Callable[[Subject], Reading]) -> _Told:
+        pairs = zip(subjects, physics, strict=True)
+        many = [_example(one, known, real(one)) for one, known in pairs]
         return _judged(many[: len(asked)], many[len(asked) :], tell)
 
-    before = told({}, lambda one: one.real)
-    after = told(settings, lambda one: one.real) if settings else None
-    floor = told(settings, lambda one: drawn(one, settings, OTHER))
+    base = simulated({})
+    with_effects = simulated(settings) if settings else base
+    before = told(base, lambda one: one.real)
+    after = told(with_effects, lambda one: one.real) if settings else None
+    floor = told(with_effects, lambda one: one.like_captured(settings, seed=OTHER))
     return Residual(
         alone=_mean(before.alone),
         bound=_mean(before.corrected),
-        absorption=_absorption(before.gains, after and after.gains, floor.gains),
+        absorption=_absorption(
+            before.gains, after and after.gains, floor.gains, [one.room for one in locked]
+        ),
     )
 
 
@@ -128,11 +139,8 @@ def _judged(
     return found
 
 
-def _example(of: Subject, settings: Settings, real: Reading) -> Example:
+def _example(of: Subject, physics: Physics, real: Reading) -> Example:
     ground = of.ground
-    if real.device_px is None and real.ours_px is None:
-        rule = "must have depth of its own or an infrared pair"
-        raise refuse(f"scene {of.name}", rule, "neither", "Leave it out.")
     info = ground.info
     return Example(
         scene=of.name,
@@ -143,7 +151,7 @@ def _example(of: Subject, settings: Settings, real: Reading) -> Example:
         ),
         ndp=~np.isfinite(real.depth_px[0]),
         counted=ground.counted,
-        physics=of.physics(settings, seeds=range(DRAWS)),
+        physics=physics,
     )
 
 
@@ -156,8 +164,10 @@ def _mean(scenes: Sequence[Mapping[str, float]]) -> dict[str, float]:
     return found
 
 
-def _absorption(before: _Gains, after: _Gains | None, floor: _Gains) -> Absorption:
-    gain = closed(before, before if after is None else after, floor)[_GAIN]
+def _absorption(
+    before: _Gains, after: _Gains | None, floor: _Gains, rooms: Sequence[str]
+) -> Absorption:
+    gain = closed(before, before if after is None else after, floor, rooms)[_GAIN]
     share, interval = None, None
     if after is not None and gain.closed_pct is not None:
         share = gain.closed_pct / 100

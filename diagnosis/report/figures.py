@@ -33,7 +33,7 @@ def figures(of: Diagnosis) -> dict[str, Any]:
                         "quantity": one.quantity,
                         "frame": one.frame,
                         "mean": one.mean.tolist(),
-                        "t": one.t.tolist(),
+                        "deviations": one.deviations.tolist(),
                     }
                     for one in of.where.maps
                 ],

@@ -71,7 +71,7 @@ def _errors(of: Shown, named: Words) -> str:
     for name, one in _readings(of, named):
         maps, whose = one.ours_px, "our matcher"
         if one.device_px is not None:
-            maps, whose = one.device_px, "the device's own"
+            maps, whose = one.device_px, "own depth"
         if maps is not None:
             drawn.append(_error(f"{name}, {whose}", maps[0], of))
     ends = [f"{number(sign * pictures.ERROR_LIMIT_PX, '+.0f')} px" for sign in (-1, 1)]

@@ -34,6 +34,6 @@ def shown(of: Subject, settings: Mapping[str, Value]) -> Shown:
     if of.against is not None:
         before, after = of.against, None
     else:
-        before = of.simulate({}, seed=_SEED)
-        after = of.simulate(settings, seed=_SEED) if settings else None
+        before = of.like_captured({}, seed=_SEED)
+        after = of.like_captured(settings, seed=_SEED) if settings else None
     return Shown(scene=of.name, real=of.real, before=before, after=after, ground=of.ground)

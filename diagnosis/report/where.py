@@ -21,7 +21,7 @@ from diagnosis.where.swap import Part
 from diagnosis.where.table import Row
 
 ROWS = 15  # Of the bins, those of the smallest chance.
-_CLEAR_T = 3.0
+_CLEAR = 3.0  # Deviations.
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,25 +98,17 @@ def _part(name: str, part: Part, named: Words) -> str:
     ]
     if part.base_device is not None:
         other = part.base_device
-        bars.append(Bar(name="D other device", value=scaled(other), told=told(other), kind="third"))
+        bars.append(Bar(name=named.own, value=scaled(other), told=told(other), kind="third"))
     for title, found in (
         ("B less A: images", part.image),
         ("C less B: matcher and filters", part.matcher),
     ):
         if found is None:
             continue
-        mean, low, high = (figure.scale * end for end in found)
-        bars.append(
-            Bar(
-                name=title,
-                value=mean,
-                low=low,
-                high=high,
-                told=f"{number(mean, '+' + figure.digits)} "
-                f"{interval(low, high, '+' + figure.digits)} {figure.less}".rstrip(),
-                kind="part",
-            )
-        )
+        mean, low, high = map(scaled, found)
+        ends = interval(low, high, "+" + figure.digits)
+        told_mean = f"{number(mean, '+' + figure.digits)} {ends} {figure.less}".rstrip()
+        bars.append(Bar(name=title, value=mean, low=low, high=high, told=told_mean, kind="part"))
     return f"<h4>{escape(figure.title)}</h4>{chart(bars)}"
 
 
@@ -126,9 +118,9 @@ def _maps(of: Diagnosis) -> str:
     info = of.shown.ground.info
     parts = [
         prose(
-            "Means over scenes. What imager and lens do stays at its place in the camera's image, "
+            "Means over rooms. What imager and lens do stays at its place in the camera's image, "
             "what the projector does at its place in the projector's field. Grey: too few pixels "
-            "of two scenes. One scale of colours for both frames."
+            "of two rooms. One scale of colours for both frames."
         )
     ]
     named = words(of.against)
@@ -171,10 +163,10 @@ def _map(one: Map, of: _Quantity, limit: float, aspect: float) -> str:
         mean = mean[down, across]
         frame += f", tangents {_tangents(across, columns)} by {_tangents(down, rows)}"
     strongest = float(one.mean[known][np.argmax(np.abs(one.mean[known]))])
-    clear = int(np.count_nonzero(np.abs(one.t[known]) > _CLEAR_T))
+    clear = int(np.count_nonzero(np.abs(one.deviations[known]) > _CLEAR))
     told = (
         f"strongest {number(of.scale * strongest, '+.3g')} {of.unit}".rstrip()
-        + f"; |t| > {_CLEAR_T:.0f} in {clear} of {int(known.sum())} cells"
+        + f"; beyond {_CLEAR:.0f} deviations in {clear} of {int(known.sum())} cells"
     )
     return picture(
         pictures.heat(mean, limit, aspect=aspect * columns / rows),

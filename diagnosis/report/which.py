@@ -29,7 +29,9 @@ def _arm(arm: Found) -> str:
     found = arm.search
     said = (
         f"Size of the gap before {number(found.before, '.3g')}, with the accepted effects "
-        f"{number(found.after, '.3g')}; about 1 or less is chance."
+        f"{number(found.after, '.3g')}. Chance alone makes up to "
+        f"{number(arm.screen.noise, '.3g')}; what is left counts as explained up to "
+        f"{number(arm.explained_below, '.3g')}."
     )
     return (
         f"<h3>In {escape(stage)}</h3>"
@@ -67,7 +69,7 @@ def _set(one: Accepted) -> str:
     name = f"<b>{escape(one.fit.name)}</b>"
     imitates = f'<br><span class="quiet">It imitates: {escape(effect.imitates)}</span>'
     if not one.rivals:
-        return f"{name} is separable from all other effects that were tried.{imitates}"
+        return f"{name} is separable from the other effects that were looked at closely.{imitates}"
     rivals = ", ".join(
         f"{rival.name} {sentences.number(rival.value)} (gain {number(rival.total, '.1f')})"
         for rival in one.rivals

@@ -17,6 +17,7 @@ class Words:
     beside: str  # 5 % have no depth, `simulated` 3 %.
     stages: str  # The stage swap.
     images: tuple[str, str]  # Its first two bars.
+    own: str  # Depth of the base's own, beside what our matcher makes of its images.
     gap: str  # What is compared, as a sentence; empty where that goes without saying.
 
 
@@ -28,9 +29,11 @@ SIMULATION = Words(
     have=("real captures", "simulated"),
     beside="simulated",
     stages="A: simulated images, our matcher. B: real images, our matcher. C: the device's own "
-    "depth. B less A is the part of the images, C less B that of matcher and filters; whiskers "
-    "are 95 % intervals over scenes.",
+    "depth. D: simulated images with all the bits that the device's matcher reads. B less A is the "
+    "part of the images, C less B, less what D is from A, that of matcher and filters; whiskers "
+    "are 95 % intervals over rooms.",
     images=("A simulated", "B real images, our matcher"),
+    own="D simulated, all bits",
     gap="",
 )
 CAPTURES = Words(
@@ -42,8 +45,9 @@ CAPTURES = Words(
     beside="in the other captures",
     stages="A: the other captures' images, our matcher. B: these captures' images, our matcher. "
     "C: this device's own depth; D: the other's. B less A is the part of the images, C less B, "
-    "less what D is from A, that of matcher and filters; whiskers are 95 % intervals over scenes.",
+    "less what D is from A, that of matcher and filters; whiskers are 95 % intervals over rooms.",
     images=("A the others' images, our matcher", "B these images, our matcher"),
+    own="D other device",
     gap="Two capture sets of the same scenes are compared, not captures with simulations: the gap "
     "is these captures less the others. Simulation tells only what an effect would change.",
 )

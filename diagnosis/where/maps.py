@@ -11,25 +11,29 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from diagnosis.ground import Ground, Mask
 from diagnosis.reading import Reading
+from diagnosis.rooms import FEWEST, means
 
 CAMERA, PROJECTOR = "camera", "projector"
 ROWS, COLUMNS = 18, 32  # Cells of a map.
 _FEWEST = 12  # Pixels of a scene in a cell, or on an object.
 FIELD = 1.0  # Tangent of the half field that a projector's map shows to each side.
 _FAR_OFF_PX = 2.0
+_UNKNOWN = np.full((ROWS, COLUMNS), np.nan)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Map:
-    """Mean over scenes of one quantity's gap in one frame."""
+    """Mean over rooms of one quantity's gap in one frame."""
 
     quantity: str  # "infrared": log ratio; "error": [px]; "holes": share.
     frame: str
-    mean: NDArray[np.float64]  # (rows, columns); NaN where fewer than two scenes reach.
-    t: NDArray[np.float64]  # Likewise over its deviation.
+    mean: NDArray[np.float64]  # (rows, columns); NaN where fewer than two rooms reach.
+    # Likewise, how far a normal deviate of its chance is off; NaN of too few rooms.
+    deviations: NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -43,23 +47,30 @@ class OfBody:
     holes: float  # Share of real no-depth pixels less the base's.
 
 
-def maps(base: Sequence[Reading], real: Sequence[Reading], grounds: Sequence[Ground]) -> list[Map]:
+def maps(
+    base: Sequence[Reading],
+    real: Sequence[Reading],
+    grounds: Sequence[Ground],
+    rooms: Sequence[str],
+) -> list[Map]:
     """Draw all maps that the readings allow.
 
     Args:
         base: simulated readings, or other captures of the scenes.
         real: what was captured.
         grounds: of the scenes.
+        rooms: likewise.
     """
     found = []
     gaps = [_gaps(*one) for one in zip(base, real, grounds, strict=True)]
     for frame in (CAMERA, PROJECTOR):
         cells = [_cells(ground, frame) for ground in grounds]
-        for quantity in gaps[0]:
-            each = np.stack(
-                [_means(gap[quantity], cell) for gap, cell in zip(gaps, cells, strict=True)]
-            )
-            found.append(_over_scenes(quantity, frame, each))
+        for quantity in dict.fromkeys(name for gap in gaps for name in gap):
+            each = [
+                _means(gap[quantity], cell) if quantity in gap else _UNKNOWN
+                for gap, cell in zip(gaps, cells, strict=True)
+            ]
+            found.append(_over_rooms(quantity, frame, means(np.stack(each), rooms)))
     return found
 
 
@@ -131,12 +142,15 @@ def _means(values: NDArray[np.float64], cell: NDArray[np.int64]) -> NDArray[np.f
     return mean.reshape(ROWS, COLUMNS)
 
 
-def _over_scenes(quantity: str, frame: str, each: NDArray[np.float64]) -> Map:
+def _over_rooms(quantity: str, frame: str, each: NDArray[np.float64]) -> Map:
     known = np.isfinite(each)
     count = known.sum(axis=0)
     total = np.where(known, each, 0.0).sum(axis=0)
     mean = np.where(count >= 2, total / np.maximum(count, 1), np.nan)
     square = np.where(known, (each - mean) ** 2, 0.0).sum(axis=0)
-    error = np.sqrt(square / np.maximum(count - 1, 1) / np.maximum(count, 1))
-    t = np.where(np.isfinite(mean), mean / np.maximum(error, 1e-9), np.nan)
-    return Map(quantity=quantity, frame=frame, mean=mean, t=t)
+    free = np.maximum(count - 1, 1)
+    t = mean / np.maximum(np.sqrt(square / free / np.maximum(count, 1)), 1e-9)
+    # Few rooms make large t by chance: as far off as a normal deviate of the same chance.
+    off = np.sign(t) * stats.norm.isf(np.maximum(stats.t.sf(np.abs(t), free), 1e-300))
+    deviations = np.where(count >= FEWEST, off, np.nan)
+    return Map(quantity=quantity, frame=frame, mean=mean, deviations=deviations)

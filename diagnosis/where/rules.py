@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sklearn.tree import DecisionTreeRegressor
 
 from diagnosis.ground import Ground, Mask
+from diagnosis.rooms import means
 
 Limits = dict[str, tuple[float, float]]  # By covariate, from and to.
 
@@ -17,7 +18,9 @@ _DEPTH = 3
 _LEAST_AREA = 0.01  # Share of the pixels that a rule must cover.
 _FAIR_SHARE = 0.1
 _PIXELS = 20_000  # Drawn of each scene.
-_LEAST_SCENES = 0.75  # Share of the scenes, not among those learnt from, that must agree in sign.
+_LEAST_ROOMS = 4  # Two to learn from, two to judge by.
+_LEAST_AGREE = 0.75  # Share of the rooms not learnt from that must agree in sign.
+_LEAST_GAP = 0.005  # Share of no-depth pixels, below which a rule tells nothing.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -30,28 +33,42 @@ class Rule:
     share: float  # Share of the whole gap; NaN where there is next to none.
 
 
-def rules(first: Sequence[Mask], second: Sequence[Mask], grounds: Sequence[Ground]) -> list[Rule]:
+def rules(
+    first: Sequence[Mask],
+    second: Sequence[Mask],
+    grounds: Sequence[Ground],
+    rooms: Sequence[str],
+) -> list[Rule]:
     """Find where the second maps have no depth and the first have.
 
-    Half of the scenes grow the tree, the other half measure its leaves.
+    Half of the rooms grow the tree, the other half measure its leaves.
 
     Args:
         first: (h, w) of every scene, True without depth.
         second: likewise.
-        grounds: of the scenes; at least two.
+        grounds: of the scenes.
+        rooms: likewise.
 
     Returns:
-        Rules by size of their share of the gap; those that the other scenes do not confirm are
-        left out.
+        Rules by size of their share of the gap; none of less than four rooms. Left out are those
+        that the other rooms do not confirm: by the sign in all of them, three quarters of four and
+        more, and by half of what the first half has.
     """
+    order = list(dict.fromkeys(rooms))
+    if len(order) < _LEAST_ROOMS:
+        return []
     names = [one.name for one in grounds[0].covariates.values() if one.value is not None]
     rng = np.random.default_rng(0)
     drawn = [
         _drawn(before, after, ground, names, rng)
         for before, after, ground in zip(first, second, grounds, strict=True)
     ]
-    learn, judge = drawn[::2], drawn[1::2]
-    tree = _grown(np.concatenate([x for x, _ in learn]), np.concatenate([y for _, y in learn]))
+    half = [order.index(room) % 2 for room in rooms]
+    learn, judge = ([one for one, of in zip(drawn, half, strict=True) if of == h] for h in (0, 1))
+    judging = [room for room, of in zip(rooms, half, strict=True) if of == 1]
+    learnt_x, learnt_y = (np.concatenate([one[axis] for one in learn]) for axis in (0, 1))
+    tree = _grown(learnt_x, learnt_y)
+    learnt_at = tree.apply(learnt_x)
     leaves = [tree.apply(x) for x, _ in judge]
     total = float(np.mean([y.mean() for _, y in judge]))
     units = {name: grounds[0].covariates[name].unit for name in names}
@@ -63,16 +80,23 @@ def rules(first: Sequence[Mask], second: Sequence[Mask], grounds: Sequence[Groun
                 for (_, y), at in zip(judge, leaves, strict=True)
             ]
         )
-        known = each[np.isfinite(each)]
-        if not known.size:
+        of_rooms = means(each, judging)
+        learnt = float(learnt_y[learnt_at == leaf].mean())
+        if not text or not _confirmed(learnt, of_rooms[np.isfinite(of_rooms)]):
             continue
-        gap = float(known.mean())
+        gap = float(np.nanmean(each))
         area = float(np.mean([np.mean(at == leaf) for at in leaves]))
-        if not text or np.mean(np.sign(known) == np.sign(gap)) < _LEAST_SCENES:
-            continue
         share = gap * area / total if abs(total) > 1e-4 else float("nan")
         found.append(Rule(text=text, gap=gap, area=area, share=share))
     return sorted(found, key=lambda rule: -abs(rule.gap * rule.area))
+
+
+def _confirmed(learnt: float, judged: NDArray[np.float64]) -> bool:
+    """Whether rooms (n,) that the tree did not see bear out the gap of a leaf."""
+    if judged.size < 2 or abs(judged.mean()) < max(_LEAST_GAP, 0.5 * abs(learnt)):
+        return False
+    agree = np.mean(np.sign(judged) == np.sign(learnt))
+    return bool(agree >= (_LEAST_AGREE if judged.size >= 4 else 1.0))
 
 
 def _drawn(

@@ -3,8 +3,9 @@
 Three depth maps of one scene: simulated infrared by our matcher (A), real infrared by our matcher
 (B), the device's own (C). B less A is what the simulated image lacks, C less B what our matcher and
 post-processing do otherwise. No statistics are needed to part the two. Where two captures are
-compared, A is the other capture's infrared by our matcher, and from C less B is taken what the
-other device's own depth differs from A by.
+compared, A is the other capture's infrared by our matcher. Where the base has depth of its own, as
+its matcher reads bits that its images are put out without, what that differs from A by is taken
+from C less B.
 """
 
 from __future__ import annotations
@@ -17,7 +18,10 @@ from numpy.typing import NDArray
 
 from diagnosis.ground import Ground
 from diagnosis.reading import Reading
+from diagnosis.rooms import FEWEST, draws
 from sim import metrics
+
+Difference = tuple[float, float | None, float | None]  # No ends where rooms are too few.
 
 _DRAWS = 1000
 _LEVEL = 0.95
@@ -28,11 +32,11 @@ class Part:
     """One figure along the chain, means over scenes."""
 
     base: float | None  # A; None where no infrared was captured that it would be made of.
-    base_device: float | None  # The other device's own depth; None where A is simulated.
+    base_device: float | None  # D: the base's own depth; None where it has none but A.
     rematched: float | None  # B; None where no infrared was captured.
     device: float | None  # C; None where no depth was captured.
-    image: tuple[float, float, float] | None  # B - A: mean, low, high over scenes.
-    matcher: tuple[float, float, float] | None  # C - B.
+    image: Difference | None  # B - A: mean over scenes, low and high over rooms.
+    matcher: Difference | None  # C - B.
 
     @property
     def image_share(self) -> float | None:
@@ -45,14 +49,17 @@ class Part:
 
 FIGURES: dict[str, Callable[[NDArray, Ground], float]] = {
     "ndp_rate": lambda found, ground: float(np.mean(~np.isfinite(found[ground.counted]))),
-    "bias_px": lambda found, ground: _figures(found, ground).bias_px,
-    "nmad_px": lambda found, ground: _figures(found, ground).nmad_px,
-    "bad1_pct": lambda found, ground: _figures(found, ground).bad1_pct,
+    "bias_px": lambda found, ground: _figure(found, ground, "bias_px"),
+    "nmad_px": lambda found, ground: _figure(found, ground, "nmad_px"),
+    "bad1_pct": lambda found, ground: _figure(found, ground, "bad1_pct"),
 }
 
 
 def swap(
-    base: Sequence[Reading], real: Sequence[Reading], grounds: Sequence[Ground]
+    base: Sequence[Reading],
+    real: Sequence[Reading],
+    grounds: Sequence[Ground],
+    rooms: Sequence[str],
 ) -> dict[str, Part]:
     """Measure A, B and C on every scene.
 
@@ -60,6 +67,7 @@ def swap(
         base: simulated readings, or other captures of the scenes.
         real: what was captured.
         grounds: of the scenes.
+        rooms: likewise.
     """
     found = {}
     for name, figure in FIGURES.items():
@@ -79,16 +87,18 @@ def swap(
             base_device=_mean(d),
             rematched=_mean(b),
             device=_mean(c),
-            image=_difference(b - a),
-            matcher=_difference(c - b - own),
+            image=_difference(b - a, rooms),
+            matcher=_difference(c - b - own, rooms),
         )
     return found
 
 
-def _figures(found: NDArray, ground: Ground) -> metrics.DisparityFigures:
-    return metrics.disparity_figures(
-        found, ground.disparity_px, metrics.scored_pixels(ground.disparity_px)
-    )
+def _figure(found: NDArray, ground: Ground, name: str) -> float:
+    """One of `metrics.DisparityFigures`; NaN where no pixel is scored."""
+    scored = metrics.scored_pixels(ground.disparity_px)
+    if not scored.any():
+        return float("nan")
+    return float(getattr(metrics.disparity_figures(found, ground.disparity_px, scored), name))
 
 
 def _of(figure: Callable[[NDArray, Ground], float], maps: NDArray | None, ground: Ground) -> float:
@@ -99,12 +109,16 @@ def _mean(values: NDArray) -> float | None:
     return float(np.nanmean(values)) if np.isfinite(values).any() else None
 
 
-def _difference(values: NDArray) -> tuple[float, float, float] | None:
-    """Mean and its bootstrap interval over scenes."""
-    values = values[np.isfinite(values)]
-    if not values.size:
+def _difference(values: NDArray, rooms: Sequence[str]) -> Difference | None:
+    """Mean over scenes and its bootstrap interval over rooms."""
+    known = np.isfinite(values)
+    if not known.any():
         return None
-    rng = np.random.default_rng(0)
-    drawn = values[rng.integers(values.size, size=(_DRAWS, values.size))].mean(axis=1)
+    values, rooms = values[known], [room for room, one in zip(rooms, known, strict=True) if one]
+    mean = float(values.mean())
+    if len(set(rooms)) < FEWEST:
+        return mean, None, None
+    times = draws(rooms, _DRAWS, np.random.default_rng(0))
+    drawn = times @ values / times.sum(axis=1)
     low, high = np.quantile(drawn, ((1 - _LEVEL) / 2, (1 + _LEVEL) / 2))
-    return float(values.mean()), float(low), float(high)
+    return mean, float(low), float(high)

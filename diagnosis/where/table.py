@@ -1,4 +1,4 @@
-"""The gap by covariates, with intervals over scenes that hold for all rows at once."""
+"""The gap by covariates, with chances over rooms that hold for all rows at once."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.ground import Ground
+from diagnosis.rooms import FEWEST, means
 
 _FEWEST = 200  # Pixels of a scene in a bin.
 _DRAWS = 2000
@@ -21,17 +22,18 @@ class Row:
     covariate: str
     bin: str
     gap: float  # Mean over scenes: second map's share of no-depth pixels less the first's.
-    low: float  # 95 % bootstrap interval over scenes.
+    low: float  # 95 % bootstrap interval over rooms; NaN of too few.
     high: float
     area: float  # Share of the counted pixels that lie in it.
     share: float  # Share of the whole gap that lies in it; NaN where there is next to none.
-    p: float  # Chance of as large a standardised gap in any row, were signs of scenes arbitrary.
+    p: float  # Chance of as large a standardised gap in any row, were signs of rooms arbitrary.
 
 
 def table(
     first: Sequence[NDArray[np.bool_]],
     second: Sequence[NDArray[np.bool_]],
     grounds: Sequence[Ground],
+    rooms: Sequence[str],
 ) -> list[Row]:
     """Where the second maps have no depth and the first have, by bins.
 
@@ -39,6 +41,7 @@ def table(
         first: (h, w) of every scene, True without depth.
         second: likewise.
         grounds: of the scenes.
+        rooms: likewise; their means are what signs are drawn of.
 
     Returns:
         Rows by size of the gap, those of the smallest chance first.
@@ -62,8 +65,9 @@ def table(
             net[column] += float(change[where].sum())
             if count >= _FEWEST:
                 gaps[scene, column] = change[where].mean()
-    p = _max_t(gaps)
-    low, high = _bootstrap(gaps)
+    of_rooms = means(gaps, rooms)
+    p = _max_t(of_rooms)
+    low, high = _bootstrap(of_rooms)
     small = abs(total) < 1e-4 * pixels
     rows = [
         Row(
@@ -83,7 +87,7 @@ def table(
 
 
 def _max_t(gaps: NDArray) -> NDArray:
-    """Chance of each column's |t| among the largest |t| under random signs of the scenes."""
+    """Chance of each column's |t| among the largest |t| under random signs of the rooms."""
     rng = np.random.default_rng(0)
     signs = rng.choice((-1.0, 1.0), size=(_DRAWS, len(gaps)))
     observed = np.abs(_t(gaps[None]))[0]
@@ -101,6 +105,9 @@ def _t(gaps: NDArray) -> NDArray:
 
 
 def _bootstrap(gaps: NDArray) -> tuple[NDArray, NDArray]:
+    if len(gaps) < FEWEST:
+        nothing = np.full(gaps.shape[1], np.nan)
+        return nothing, nothing
     rng = np.random.default_rng(1)
     drawn = rng.integers(len(gaps), size=(_DRAWS, len(gaps)))
     known = np.isfinite(gaps)

@@ -34,14 +34,17 @@ def where(subjects: Sequence[Subject]) -> Where:
     Args:
         subjects: at least one.
     """
-    base = [one.simulate({}, seed=0) if one.against is None else one.against for one in subjects]
+    base = [
+        one.like_captured({}, seed=0) if one.against is None else one.against for one in subjects
+    ]
+    rooms = [one.room for one in subjects]
     real, grounds = [one.real for one in subjects], [one.ground for one in subjects]
     first, second = ([~np.isfinite(one.depth_px[0]) for one in many] for many in (base, real))
     several = len(subjects) > 1
     return Where(
-        parts=swap.swap(base, real, grounds),
-        maps=tuple(maps.maps(base, real, grounds)) if several else (),
+        parts=swap.swap(base, real, grounds, rooms),
+        maps=tuple(maps.maps(base, real, grounds, rooms)) if several else (),
         bodies=tuple(maps.bodies([one.name for one in subjects], base, real, grounds)),
-        rows=tuple(table.table(first, second, grounds)),
-        rules=tuple(rules.rules(first, second, grounds)) if several else (),
+        rows=tuple(table.table(first, second, grounds, rooms)),
+        rules=tuple(rules.rules(first, second, grounds, rooms)),
     )

@@ -164,14 +164,14 @@ def _lead(features: Sequence[str], left: NDArray[np.float64]) -> tuple[str, ...]
     for name, column in zip(features, left.T, strict=True):
         known = column[np.isfinite(column)]
         if known.size:
-            groups.setdefault(_group(name), []).append(abs(float(known.mean())))
+            groups.setdefault(group(name), []).append(abs(float(known.mean())))
     size = {name: float(np.sqrt(np.mean(np.square(many)))) for name, many in groups.items()}
     worst = sorted((name for name in size if size[name] > _LEAD), key=lambda name: -size[name])
     return tuple(worst[:_NAMED])
 
 
-def _group(name: str) -> str:
-    """`holes.edge.open` is of `holes by edge`."""
+def group(name: str) -> str:
+    """Features that tell of one thing: `holes.edge.open` is of `holes by edge`."""
     first, *rest = name.split(".")
     by = next((word for word in rest if word in COVARIATES), None)
     return first if by is None else f"{first} by {by}"

@@ -20,6 +20,7 @@ from diagnosis.reading import Reading
 from diagnosis.subject import Subject
 from diagnosis.which.candidates import Arm
 from patterns.errors import InputError
+from sim import record
 from sim.effects.effect import Value
 
 Row = NDArray[np.float64]  # (features,)
@@ -114,6 +115,19 @@ class Bench:
         assert rows is not None
         return rows
 
+    def otherwise(self) -> list[Table]:
+        """What each further estimate of the scenes changes, noise being equal; none of scenes that
+        are known.
+        """
+        base = self.simulated({})
+        assert base is not None
+        found = []
+        for number in range(max(len(one.estimates) for one in self.subjects)):
+            rows = self._rows("otherwise", number, otherwise_row)
+            assert rows is not None
+            found.append(rows - base)
+        return found
+
     def exposed(self, *, seed: int) -> Table:
         """What the captures are compared with, with the noise of one more exposure."""
         rows = self._rows("exposed", seed, exposed_row)
@@ -177,10 +191,19 @@ def bench(
         cache: folder that keeps what is simulated, for other runs.
         crew: who simulates; None: this process.
     """
-    first = subjects[0]
-    ceiling = float(2**first.sensor.left.bit_depth - 1)
-    names = tuple(sorted(_features(arm, _simulated(first, arm, {}, 0), first, ceiling)))
+    ceiling = float(2 ** subjects[0].sensor.left.bit_depth - 1)
+    if crew is None:
+        told = [feature_names(one, arm, ceiling) for one in subjects]
+    else:
+        futures = [crew.submit(one.name, feature_names, arm, ceiling) for one in subjects]
+        told = [future.result() for future in futures]
+    names = tuple(sorted(set().union(*told)))
     return Bench(tuple(subjects), Columns(arm=arm, names=names, ceiling=ceiling), cache, crew)
+
+
+def feature_names(of: Subject, arm: Arm, ceiling: float) -> set[str]:
+    """Features that one scene has in an arm."""
+    return {*_features(arm, _simulated(of, arm, {}, 0), of, ceiling)}
 
 
 def simulated_row(
@@ -198,6 +221,12 @@ def another_row(
 ) -> Row | None:
     """One scene's row of `Bench.another`."""
     return simulated_row(of.another(number), columns, settings, number)
+
+
+def otherwise_row(of: Subject, columns: Columns, number: int) -> Row | None:
+    """One scene's row of `Bench.otherwise`; the base's where it has no such estimate."""
+    scene = of.otherwise(number) if number < len(of.estimates) else of
+    return simulated_row(scene, columns, {}, 0)
 
 
 def finer_row(of: Subject, columns: Columns, seed: int) -> Row:
@@ -238,7 +267,8 @@ def _features(arm: Arm, reading: Reading, subject: Subject, ceiling: float) -> d
 
 
 def _digest(subject: Subject, columns: Columns) -> str:
-    found = hashlib.sha256(repr((_MADE, columns, subject.frames, subject.sensor)).encode())
+    what = (_MADE, record.versions(), columns, subject.name, subject.frames, subject.sensor)
+    found = hashlib.sha256(repr(what).encode())
     for image in (subject.ground.expected, subject.ground.disparity_px):
         found.update(np.ascontiguousarray(image).tobytes())
     pairs = [subject.real] if columns.arm is Arm.DEPTH else []

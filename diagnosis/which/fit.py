@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from diagnosis.rooms import draws as drawn_anew
 from diagnosis.which.bench import Table
 from diagnosis.which.likelihood import Likelihood
 from diagnosis.which.signature import Signature
@@ -43,23 +44,39 @@ class Fit:
         """Held-out gain of all scenes."""
         return float(self.gain.sum())
 
-    def interval(self, *, level: float, seed: int, draws: int = 400) -> tuple[Value, Value]:
-        """Strengths that scenes drawn anew would give, and those that all fit nearly as well.
+    def interval(
+        self, rooms: Sequence[str], *, level: float, seed: int, draws: int = 400
+    ) -> tuple[Value, Value]:
+        """Strengths that rooms drawn anew would give, and those that all fit nearly as well.
 
         What the simulator gets wrong is the same in every scene, so all of them together count as
         one: the likelihood's mean over scenes may fall by half of chi-square's quantile.
+
+        Args:
+            rooms: that of each scene.
+            level: of the interval.
+            seed: of the draws.
+            draws: how many.
+
+        Returns:
+            Both ends; of a choice those of what cannot be told apart, as they are listed.
         """
-        rng = np.random.default_rng(seed)
-        scenes = self.cost.shape[1]
-        times = rng.multinomial(scenes, np.full(scenes, 1 / scenes), size=draws)
+        times = drawn_anew(rooms, draws, np.random.default_rng(seed))
         best = self.places[np.argmin(self.cost @ times.T, axis=0)]
-        low, high = np.quantile(best, ((1 - level) / 2, (1 + level) / 2))
+        ends = ((1 - level) / 2, (1 + level) / 2)
+        numeric = self.signature.candidate.numeric
+        low, high = np.quantile(best, ends, method="linear" if numeric else "nearest")
         mean = self.cost.mean(axis=1)
         near = self.places[mean <= mean.min() + 0.5 * stats.chi2.ppf(level, 1)]
-        half_a_step = 0.5 * float(self.places[1] - self.places[0])
+        half_a_step = 0.5 * float(self.places[1] - self.places[0]) if numeric else 0.0
         low = max(min(low, near[0]) - half_a_step, self.places[0])
         high = min(max(high, near[-1]) + half_a_step, self.places[-1])
-        return self.signature.value(float(low)), self.signature.value(float(high))
+        if numeric:
+            return self.signature.value(float(low)), self.signature.value(float(high))
+        between = self.signature.values[int(low) : int(high) + 1]
+        if any(isinstance(one, str) for one in between):
+            return between[0], between[-1]
+        return min(between, key=float), max(between, key=float)
 
 
 def fit(

@@ -31,7 +31,9 @@ class Likelihood:
         return np.zeros_like(self.gap)
 
     def size(self, made: Table) -> float:
-        """Weighted mean square of what effects leave of the gap, over its deviation; 1 is chance.
+        """Weighted mean square of what effects leave of the gap, over its deviation.
+
+        The deviation holds what the simulator gets wrong too: chance alone makes less than 1.
 
         Args:
             made: (scenes, features) what effects make.

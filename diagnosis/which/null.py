@@ -94,8 +94,13 @@ def base(bench: Bench, *, seeds: int = SEEDS) -> Base:
     found = [bench.simulated({}, seed=number) for number in range(seeds)]
     made = _of(np.stack([one for one in found if one is not None]), against)
     spotless = bench.change({_SPOT: 0.0})
-    spot = np.zeros_like(made.floor) if spotless is None else np.nan_to_num(spotless)
-    return dataclasses.replace(made, floor=np.hypot(made.floor, TAU * spot))
+    wrong = [] if spotless is None else [TAU * spotless]
+    if against is None:  # Else both sides see the very scene.
+        wrong += bench.otherwise()
+    floor = made.floor
+    for one in wrong:
+        floor = np.hypot(floor, np.nan_to_num(one))
+    return dataclasses.replace(made, floor=floor)
 
 
 def _of(tables: NDArray[np.float64], against: Table | None) -> Base:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.rooms import draws
 from diagnosis.which.bench import Bench, Table
 from diagnosis.which.candidates import Candidate
 from diagnosis.which.fit import Fit, fit, held_out, places
@@ -150,7 +151,7 @@ def search(
     model = _thinned(bench, likelihood, model, threshold)
     return Search(
         accepted=tuple(
-            _accepted(number, model, signatures, likelihood, folds, threshold)
+            _accepted(number, model, bench, signatures, likelihood, folds, threshold)
             for number in range(len(model.terms))
         ),
         threshold=threshold,
@@ -228,8 +229,8 @@ def _wider(
             break
         wider = Model((*model.terms, best.signature), (*model.places, best.place), model.beside)
         wider = _simulated(bench, likelihood, wider)
-        if wider is not None:  # Else the next.
-            return wider if _gain(likelihood, wider, model) >= threshold else None
+        if wider is not None and _gain(likelihood, wider, model) >= threshold:
+            return wider  # Else the next.
     return None
 
 
@@ -298,6 +299,7 @@ def _thinned(bench: Bench, likelihood: Likelihood, model: Model, threshold: floa
 def _accepted(
     number: int,
     model: Model,
+    bench: Bench,
     signatures: Sequence[Signature],
     likelihood: Likelihood,
     folds: Folds,
@@ -309,19 +311,22 @@ def _accepted(
     others = [
         fit(one, likelihood, folds, given=given) for one in signatures if one.name not in used
     ]
+    rooms = [one.room for one in bench.subjects]
     return Accepted(
-        fit=own, interval=own.interval(level=_LEVEL, seed=0), rivals=_rivals(own, others, threshold)
+        fit=own,
+        interval=own.interval(rooms, level=_LEVEL, seed=0),
+        rivals=_rivals(own, others, rooms, threshold),
     )
 
 
-def _rivals(own: Fit, others: Sequence[Fit], threshold: float) -> tuple[Fit, ...]:
-    """Candidates that gain nearly as much, or about as much scene by scene.
+def _rivals(
+    own: Fit, others: Sequence[Fit], rooms: Sequence[str], threshold: float
+) -> tuple[Fit, ...]:
+    """Candidates that gain nearly as much, or about as much room by room.
 
     As much as an effect has to gain to be named, one has to gain over another to be told from it.
     """
-    rng = np.random.default_rng(0)
-    scenes = len(own.gain)
-    times = rng.multinomial(scenes, np.full(scenes, 1 / scenes), size=_DRAWS)
+    times = draws(rooms, _DRAWS, np.random.default_rng(0))
     found = [
         other
         for other in others

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import permutations
 
@@ -31,19 +32,22 @@ class Answered:
 
     @property
     def rows(self) -> tuple[str, ...]:
-        """Effects that were done, their second parameters left aside."""
-        return tuple(name for name in self.case.settings if name in ROWS)
+        """Effects that were done."""
+        return tuple(self.case.settings)
 
     @property
     def first_right(self) -> bool:
         """Whether the effect named first is one that was done."""
         return self.verdict.said in self.rows
 
-    @property
-    def family_right(self) -> bool:
-        """Whether the effect named first is of the family of one that was done."""
-        first = self.verdict.first
-        return first is not None and family(first.row) in map(family, self.rows)
+    def family_right(self, families: Mapping[str, str]) -> bool:
+        """Whether the effect named first is of the family of one that was done.
+
+        Args:
+            families: By effect; one that is not there is a family of its own.
+        """
+        first, known = self.verdict.first, {families.get(row, row) for row in self.rows}
+        return first is not None and families.get(first.row, first.row) in known
 
     @property
     def in_set(self) -> bool:
@@ -116,11 +120,6 @@ class Answered:
         if first is None or first.row not in self.rows or ROWS[first.row].scale == "choice":
             return None
         return ROWS[first.row], first
-
-
-def family(row: str) -> str:
-    """Family of an effect; an effect that the table does not have is one of its own."""
-    return ROWS[row].family if row in ROWS else row
 
 
 def _signed(row: Row, nominal: Nominal, value: float) -> float:

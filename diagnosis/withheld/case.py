@@ -49,6 +49,7 @@ def draw(
     nominal: Nominal,
     counts: Mapping[CaseKind, int],
     *,
+    families: Mapping[str, str] | None = None,
     limits: Limits | None = None,
     kinds: Sequence[Kind] = ("image",),
     leave_out: Iterable[str] = (),
@@ -64,6 +65,7 @@ def draw(
     Args:
         nominal: The camera.
         counts: How many of each kind of case.
+        families: By effect; one that is not there is a family of its own.
         limits: Of what is found, where it is known.
         kinds: Kinds of effects that singles and pairs are drawn from.
         leave_out: Names of effects that are not drawn.
@@ -78,7 +80,13 @@ def draw(
     skip = set(leave_out)
     check_names(dict.fromkeys(skip, 0.0))
     rng = lot(entropy)
-    drawer = _Drawer(rng=rng, nominal=nominal, limits=limits, upwards=frozenset(upwards))
+    drawer = _Drawer(
+        rng=rng,
+        nominal=nominal,
+        families=families or {},
+        limits=limits,
+        upwards=frozenset(upwards),
+    )
     known = drawer.able(row for row in ROWS.values() if row.kind in kinds and row.name not in skip)
     strange = drawer.able(
         row for row in ROWS.values() if row.kind == "outside" and row.name not in skip
@@ -121,8 +129,12 @@ def seed(rng: np.random.Generator) -> int:
 class _Drawer:
     rng: np.random.Generator
     nominal: Nominal
+    families: Mapping[str, str]
     limits: Limits
     upwards: frozenset[str]
+
+    def family(self, row: Row) -> str:
+        return self.families.get(row.name, row.name)
 
     def low(self, row: Row) -> float:
         return max(self.limits.departures.get(row.name, row.low), 1e-12)
@@ -153,7 +165,8 @@ class _Drawer:
 
     def two(self, rows: list[Row]) -> tuple[Row, Row]:
         first = self.round(rows, 1)[0]
-        return first, self.round([row for row in rows if row.family != first.family], 1)[0]
+        others = [row for row in rows if self.family(row) != self.family(first)]
+        return first, self.round(others, 1)[0]
 
     def strength(self, row: Row) -> float:
         if row.scale == "choice":

@@ -10,7 +10,7 @@ from typing import Literal
 from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.nominal import Nominal
 
-Kind = Literal["image", "matcher", "post", "outside"]
+Kind = Literal["image", "post", "outside"]
 Scale = Literal["difference", "ratio", "inverse", "choice"]
 
 
@@ -24,7 +24,6 @@ class Row:
     """
 
     name: str
-    family: str  # As in the index of the pages: effects of one family may stand for each other.
     kind: Kind
     unit: str
     neutral: float | str  # A number, or the key of nominal.json that holds it.
@@ -66,7 +65,10 @@ class Row:
 
     def departure(self, nominal: Nominal, value: float) -> float:
         """How far a strength is from the neutral, >= 0; for choices 0 or 1."""
-        neutral = self.neutral_of(nominal)
+        return self.apart(self.neutral_of(nominal), value)
+
+    def apart(self, neutral: float, value: float) -> float:
+        """How far a strength is from that of a camera that has `neutral`, likewise."""
         if self.scale == "ratio":
             return max(value / neutral, neutral / value) - 1.0
         if self.scale == "inverse":
@@ -83,174 +85,135 @@ class Row:
 _BOTH = (1, -1)
 _IMAGE = (
     # Scene.
-    Row(name="ambient", family="ambient", kind="image", unit="W m^-2", neutral="ambient_w_m2",
+    Row(name="ambient", kind="image", unit="W m^-2", neutral="ambient_w_m2",
         low=0.01, high=25, signs=_BOTH, least=0, most=25),
-    Row(name="ambient_gradient", family="ambient gradient", kind="image", unit="1", neutral=0,
-        low=0.1, high=1, most=1, needs="ambient_w_m2"),
-    Row(name="nir_reflectance", family="reflectance", kind="image", unit="1", neutral=1,
-        low=0.1, high=3, scale="ratio", signs=_BOTH, least=0.1, most=10),
-    Row(name="subsurface", family="subsurface", kind="image", unit="m", neutral=0,
+    Row(name="ambient_gradient", kind="image", unit="1",
+        neutral="ambient_gradient", low=0.1, high=1, signs=_BOTH, least=0, most=1,
+        needs="ambient_w_m2"),
+    Row(name="subsurface", kind="image", unit="m", neutral=0,
         low=0.0002, high=0.005),
-    Row(name="second_projector", family="second projector", kind="image", unit="W", neutral=0,
+    Row(name="second_projector", kind="image", unit="W", neutral=0,
         low=0.03, high=2),
     # Projector.
-    Row(name="projector_power", family="signal gain", kind="image", unit="W", neutral="power_w",
+    Row(name="projector_power", kind="image", unit="W", neutral="power_w",
         low=0.1, high=3, scale="ratio", signs=_BOTH, least=0.02, most=0.45),
-    Row(name="dot_blur", family="dot width", kind="image", unit="mrad", neutral=0,
+    Row(name="dot_blur", kind="image", unit="mrad", neutral=0,
         low=0.2, high=4),
-    Row(name="dot_defocus", family="dot width", kind="image", unit="mrad m", neutral=0,
+    Row(name="dot_defocus", kind="image", unit="mrad m", neutral=0,
         low=0.1, high=1.5),
-    Row(name="projector_falloff", family="projector falloff", kind="image", unit="1", neutral=0,
+    Row(name="projector_falloff", kind="image", unit="1", neutral=0,
         low=0.5, high=6),
-    Row(name="dropped_dots", family="pattern error", kind="image", unit="1", neutral=0,
+    Row(name="dropped_dots", kind="image", unit="1", neutral=0,
         low=0.02, high=0.6, most=1),
-    Row(name="shifted_dots", family="pattern error", kind="image", unit="mrad", neutral=0,
+    Row(name="shifted_dots", kind="image", unit="mrad", neutral=0,
         low=0.3, high=8),
-    Row(name="laser_speckle", family="speckle", kind="image", unit="1", neutral=0,
+    Row(name="laser_speckle", kind="image", unit="1", neutral=0,
         low=0.03, high=0.5),
-    Row(name="flicker", family="flicker", kind="image", unit="1", neutral=0, low=0.01, high=0.3),
+    Row(name="flicker", kind="image", unit="1", neutral=0, low=0.01, high=0.3),
     # Optics.
-    Row(name="lens_blur", family="lens blur", kind="image", unit="px", neutral="lens_blur_px",
+    Row(name="lens_blur", kind="image", unit="px", neutral="lens_blur_px",
         low=0.2, high=1.5, signs=_BOTH, least=0, most=1.5),
-    Row(name="corner_blur", family="lens blur", kind="image", unit="px", neutral=0,
+    Row(name="corner_blur", kind="image", unit="px", neutral=0,
         low=0.2, high=2),
-    Row(name="near_defocus", family="defocus", kind="image", unit="px m", neutral=0,
+    Row(name="near_defocus", kind="image", unit="px m", neutral=0,
         low=0.05, high=0.5),
-    Row(name="vignetting", family="vignetting", kind="image", unit="1", neutral=0,
+    Row(name="vignetting", kind="image", unit="1", neutral=0,
         low=0.5, high=4),
-    Row(name="veil", family="veil", kind="image", unit="1", neutral=0, low=0.005, high=0.1,
+    Row(name="veil", kind="image", unit="1", neutral=0, low=0.005, high=0.1,
         most=1),
-    Row(name="distortion", family="distortion", kind="image", unit="px", neutral=0,
+    Row(name="distortion", kind="image", unit="px", neutral=0,
         low=0.05, high=0.5, signs=_BOTH),
-    Row(name="vertical_offset", family="vertical offset", kind="image", unit="px", neutral=0,
+    Row(name="vertical_offset", kind="image", unit="px", neutral=0,
         low=0.1, high=1.5, signs=_BOTH),
-    Row(name="roll", family="roll", kind="image", unit="deg", neutral=0,
+    Row(name="roll", kind="image", unit="deg", neutral=0,
         low=0.02, high=0.3, signs=_BOTH),
-    Row(name="pitch", family="vertical offset", kind="image", unit="deg", neutral=0,
+    Row(name="pitch", kind="image", unit="deg", neutral=0,
         low=0.015, high=0.2, signs=_BOTH),
-    Row(name="disparity_offset", family="disparity offset", kind="image", unit="px", neutral=0,
+    Row(name="disparity_offset", kind="image", unit="px", neutral=0,
         low=0.05, high=1, signs=_BOTH),
-    Row(name="yaw", family="disparity offset", kind="image", unit="deg", neutral=0,
+    Row(name="yaw", kind="image", unit="deg", neutral=0,
         low=0.005, high=0.1, signs=_BOTH),
-    Row(name="focal_scale", family="scale", kind="image", unit="1", neutral=1,
+    Row(name="focal_scale", kind="image", unit="1", neutral=1,
         low=0.002, high=0.02, signs=_BOTH, least=0.5),
     # Imager.
-    Row(name="exposure", family="signal gain", kind="image", unit="s", neutral="exposure_s",
+    Row(name="exposure", kind="image", unit="s", neutral="exposure_s",
         low=0.1, high=3, scale="ratio", signs=_BOTH, least=0.0005, most=0.033),
-    Row(name="gain", family="signal gain", kind="image", unit="1", neutral="gain",
+    Row(name="gain", kind="image", unit="1", neutral="gain",
         low=0.1, high=3, scale="ratio", signs=_BOTH, least=1, most=15.5),
-    Row(name="crosstalk", family="crosstalk", kind="image", unit="1", neutral=0,
+    Row(name="crosstalk", kind="image", unit="1", neutral=0,
         low=0.01, high=0.3, most=1),
-    Row(name="prnu", family="sensitivity pattern", kind="image", unit="1", neutral=0,
+    Row(name="prnu", kind="image", unit="1", neutral=0,
         low=0.003, high=0.1, most=0.5),
-    Row(name="dark_current", family="dark current", kind="image", unit="electrons / s", neutral=0,
+    Row(name="dark_current", kind="image", unit="electrons / s", neutral=0,
         low=1, high=100000),
-    Row(name="shot_noise", family="shot noise", kind="image", unit="1", neutral="shot_noise",
+    Row(name="shot_noise", kind="image", unit="1", neutral="shot_noise",
         low=0.1, high=0.7, signs=_BOTH, least=0.3, most=1),
-    Row(name="read_noise", family="read noise", kind="image", unit="electrons",
+    Row(name="read_noise", kind="image", unit="electrons",
         neutral="read_noise_e", low=1, high=150, signs=_BOTH, least=0, most=150),
-    Row(name="dsnu", family="offset pattern", kind="image", unit="electrons", neutral=0,
+    Row(name="dsnu", kind="image", unit="electrons", neutral=0,
         low=1, high=60),
-    Row(name="column_noise", family="column noise", kind="image", unit="electrons", neutral=0,
+    Row(name="column_noise", kind="image", unit="electrons", neutral=0,
         low=1, high=40),
-    Row(name="row_noise", family="row noise", kind="image", unit="electrons", neutral=0,
+    Row(name="row_noise", kind="image", unit="electrons", neutral=0,
         low=1, high=40),
-    Row(name="hot_pixels", family="hot pixels", kind="image", unit="1", neutral=0,
+    Row(name="hot_pixels", kind="image", unit="1", neutral=0,
         low=1e-5, high=0.01, most=1),
-    Row(name="saturation", family="signal gain", kind="image", unit="electrons",
+    Row(name="saturation", kind="image", unit="electrons",
         neutral="full_well_e", low=0.1, high=4, scale="ratio", signs=_BOTH, least=2000,
         most=50000),
-    Row(name="blooming", family="blooming", kind="image", unit="1", neutral=0,
+    Row(name="blooming", kind="image", unit="1", neutral=0,
         low=0.02, high=0.5, most=1),
-    Row(name="smoothing", family="smoothing", kind="image", unit="px", neutral=0, low=0.3, high=1),
-    Row(name="gamma", family="tone curve", kind="image", unit="1", neutral=1,
+    Row(name="smoothing", kind="image", unit="px", neutral=0, low=0.3, high=1),
+    Row(name="gamma", kind="image", unit="1", neutral=1,
         low=0.05, high=1.2, scale="ratio", signs=_BOTH, least=0.8, most=2.2),
-    Row(name="black_level", family="black level", kind="image", unit="DN",
+    Row(name="black_level", kind="image", unit="DN",
         neutral="black_level_dn", low=1, high=16, signs=_BOTH, least=0, most=16),
-    Row(name="quantisation", family="quantisation", kind="image", unit="bit",
+    Row(name="quantisation", kind="image", unit="bit",
         neutral="bit_depth", scale="choice", choices=(8, 10, 12, 16)),
 )  # fmt: skip
-_MATCHER = (
-    Row(name="census_window", family="matching window", kind="matcher", unit="px", neutral=7,
-        scale="choice", choices=(3, 5, 9, 11)),
-    Row(name="small_penalty", family="smoothness", kind="matcher", unit="bit", neutral=4,
-        low=0.5, high=4, scale="ratio", signs=_BOTH, least=1, most=24),
-    Row(name="large_penalty", family="smoothness", kind="matcher", unit="bit", neutral=24,
-        low=0.5, high=4, scale="ratio", signs=_BOTH, least=4, most=100),
-    Row(name="uniqueness", family="uniqueness", kind="matcher", unit="%", neutral=10,
-        low=5, high=50, signs=_BOTH, least=0, most=60),
-    Row(name="left_right_threshold", family="left right", kind="matcher", unit="px", neutral=1,
-        low=0.3, high=3, scale="ratio", signs=_BOTH, least=0.25, most=4),
-    Row(name="texture_threshold", family="texture", kind="matcher", unit="DN", neutral=0,
-        low=0.3, high=3, most=3),
-    # What is beyond a search is lost or false: no filter of a disparity map tells which.
-    Row(name="disparity_shift", family="search range", kind="matcher", unit="px", neutral=0,
-        low=4, high=64),
-    Row(name="search_range", family="search range", kind="matcher", unit="px", neutral=128,
-        scale="choice", choices=(16, 32, 48, 64, 80, 96)),
-)  # fmt: skip
 _POST = (
-    Row(name="median", family="winner median", kind="post", unit="px", neutral=0,
+    Row(name="median", kind="post", unit="px", neutral=0,
         scale="choice", choices=(3, 5)),
-    Row(name="smoothing_mean", family="disparity smoothing", kind="post", unit="px", neutral=0,
+    Row(name="smoothing_mean", kind="post", unit="px", neutral=0,
         scale="choice", choices=(5, 7, 9, 11, 13, 15, 21, 31)),
-    Row(name="subpixel_steps", family="disparity quantisation", kind="post", unit="px", neutral=0,
+    Row(name="subpixel_steps", kind="post", unit="px", neutral=0,
         low=0.0625, high=0.5),
-    Row(name="pixel_locking", family="pixel locking", kind="post", unit="px", neutral=0,
+    Row(name="pixel_locking", kind="post", unit="px", neutral=0,
         low=0.02, high=0.15, signs=_BOTH),
-    Row(name="edge_jump", family="edge jump", kind="post", unit="px", neutral=0,
+    Row(name="edge_jump", kind="post", unit="px", neutral=0,
         low=1 / 32, high=1, scale="inverse"),
-    Row(name="speckle_filter", family="speckle filter", kind="post", unit="px", neutral=0,
+    Row(name="speckle_filter", kind="post", unit="px", neutral=0,
         low=30, high=3000),
-    Row(name="range", family="range", kind="post", unit="m", neutral=0, low=0.1, high=1),
-    Row(name="decimation", family="decimation", kind="post", unit="px", neutral=1,
-        scale="choice", choices=(2, 3, 4, 5, 6, 7, 8)),
-    Row(name="spatial_filter", family="spatial filter", kind="post", unit="1", neutral=1,
+    Row(name="range", kind="post", unit="m", neutral=0, low=0.1, high=1),
+    Row(name="spatial_filter", kind="post", unit="1", neutral=1,
         low=0.1, high=0.75, signs=(-1,), least=0.25),
-    Row(name="temporal_filter", family="temporal filter", kind="post", unit="1", neutral=1,
-        low=0.1, high=0.95, signs=(-1,), least=0.05),
-    Row(name="hole_filling", family="hole filling", kind="post", unit="1", neutral=0,
+    Row(name="hole_filling", kind="post", unit="1", neutral=0,
         scale="choice", choices=(1, 2, 3)),
-    Row(name="depth_unit", family="depth unit", kind="post", unit="m", neutral=0,
-        low=0.002, high=0.01),
+    Row(name="depth_unit", kind="post", unit="m", neutral="depth_unit_m",
+        low=0.001, high=0.009, most=0.01),
 )  # fmt: skip
 _OUTSIDE = (
-    Row(name="lens_ghost", family="outside", kind="outside", unit="1", neutral=0,
+    Row(name="lens_ghost", kind="outside", unit="1", neutral=0,
         low=0.03, high=0.3),
-    Row(name="mains_banding", family="outside", kind="outside", unit="1", neutral=0,
+    Row(name="mains_banding", kind="outside", unit="1", neutral=0,
         low=0.05, high=0.5, most=1),
-    Row(name="astigmatism", family="outside", kind="outside", unit="px", neutral=0,
+    Row(name="astigmatism", kind="outside", unit="px", neutral=0,
         low=0.5, high=2.5),
-    Row(name="column_rain", family="outside", kind="outside", unit="1", neutral=0,
+    Row(name="column_rain", kind="outside", unit="1", neutral=0,
         low=0.005, high=0.05, most=1),
-    Row(name="brightness_ramp", family="outside", kind="outside", unit="1", neutral=0,
+    Row(name="brightness_ramp", kind="outside", unit="1", neutral=0,
         low=0.1, high=0.8, most=1),
-    Row(name="body_offset", family="outside", kind="outside", unit="px", neutral=0,
+    Row(name="body_offset", kind="outside", unit="px", neutral=0,
         low=0.8, high=3, signs=_BOTH),
-    Row(name="doubled_dots", family="outside", kind="outside", unit="1", neutral=0,
+    Row(name="doubled_dots", kind="outside", unit="1", neutral=0,
         low=0.1, high=0.6),
-    Row(name="finger_print", family="outside", kind="outside", unit="1", neutral=0,
+    Row(name="finger_print", kind="outside", unit="1", neutral=0,
         low=0.2, high=0.8, most=1),
-    Row(name="block_compression", family="outside", kind="outside", unit="DN", neutral=0,
+    Row(name="block_compression", kind="outside", unit="DN", neutral=0,
         low=3, high=20),
 )  # fmt: skip
 
-ROWS = {row.name: row for row in (*_IMAGE, *_MATCHER, *_POST, *_OUTSIDE)}
-
-# Parameters beside an effect's first, with what they are unless a case says otherwise (None: as the
-# camera has it).
-SECONDARY: dict[str, float | None] = {
-    "nir_reflectance.bodies": 1.0,  # Share of the bodies that it touches.
-    "dot_defocus.focus_m": None,
-    "near_defocus.focus_m": None,
-    "smoothing_mean.step_px": 2.0,
-    "speckle_filter.step_px": 1.0,
-    "range.far_m": 65.535,
-    "spatial_filter.delta_px": 0.625,
-    "spatial_filter.iterations": 2.0,
-    "temporal_filter.delta_px": 0.625,
-    "temporal_filter.persistence": 3.0,
-}
+ROWS = {row.name: row for row in (*_IMAGE, *_POST, *_OUTSIDE)}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -270,33 +233,26 @@ class Strengths:
         row = ROWS[name]
         return float(self.values.get(name, row.neutral_of(self.nominal)))
 
-    def second(self, name: str, otherwise: float = math.nan) -> float:
-        """A parameter of `SECONDARY`; `otherwise` where neither case nor table give a value."""
-        default = SECONDARY[name]
-        return float(self.values.get(name, otherwise if default is None else default))
-
     def acting(self, name: str) -> bool:
         """Tell whether an effect is away from its neutral."""
         return self.of(name) != ROWS[name].neutral_of(self.nominal)
 
 
 def check_names(values: Mapping[str, float]) -> None:
-    """Refuse names that are neither effects nor parameters of one.
+    """Refuse names that are no effects.
 
     Raises:
         WithheldError: for the first such name.
     """
     for name in values:
-        if name not in ROWS and name not in SECONDARY:
+        if name not in ROWS:
             raise refusal("effect", "must be one of the table", name, "See catalogue.ROWS.")
 
 
 def _check_value(name: str, value: float, nominal: Nominal) -> None:
     if not math.isfinite(value):
         raise refusal(name, "must be finite", value, "Give a number.")
-    row = ROWS.get(name)
-    if row is None:
-        return
+    row = ROWS[name]
     if row.scale == "choice":
         allowed = sorted({*row.choices, row.neutral_of(nominal)})
         if value not in allowed:

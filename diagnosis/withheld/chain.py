@@ -47,7 +47,7 @@ def at_pixels(light: Light, strengths: Strengths, found: Dots, draws: Draws, sid
     nominal = strengths.nominal
     view = light.view(side)
     thrown = projector.throw(view, strengths, found, draws)
-    arriving = scene_light.leave(thrown, strengths, draws)
+    arriving = scene_light.leave(thrown, strengths)
     if side == "right":
         arriving = outside.displace_body(arriving, light, strengths, draws)
     laser = lens.focus(arriving.laser_e, view, strengths)

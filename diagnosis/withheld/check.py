@@ -23,9 +23,6 @@ from diagnosis.withheld.source import Source
 from diagnosis.withheld.tier import Tier
 from diagnosis.withheld.verdict import Arm
 
-# The diagnosis does not try them: they show in repeats alone, or change the image's size.
-NOT_TRIED = ("decimation", "temporal_filter")
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Check:
@@ -107,7 +104,7 @@ class Check:
         self._each(_prepare, [(one,) for one in self.sets])
         families = self._families()
         if not (self.hidden / seal.TRUTH).exists():
-            seal.seal(self._drawn(singles), families, self.hidden, self.place)
+            seal.seal(self._drawn(singles, families), families, self.hidden, self.place)
         return seal.verify(families, self.hidden, self.place)
 
     def diagnosed(self, cases: Sequence[Case], singles: int | None = None) -> None:
@@ -157,7 +154,15 @@ class Check:
             told |= {"tier": self.tier.number, "power": power.curves(answered, camera)}
         else:
             tier = self.tier.number
-            told |= score.score(answered, camera, tier=tier, left_out=twins, family_alone=alone)
+            told |= score.score(
+                answered,
+                camera,
+                tier=tier,
+                families=seal.families((self.place / seal.FAMILIES).read_bytes()),
+                infrared=self.infrared,
+                left_out=twins,
+                family_alone=alone,
+            )
         return {**told, "infrared": self.infrared, "opened": opened}
 
     def _answered(self, cases: Sequence[Case], table: Table) -> list[Answered]:
@@ -175,19 +180,20 @@ class Check:
         finally:
             path.unlink()
 
-    def _drawn(self, singles: int | None) -> tuple[Case, ...]:
+    def _drawn(self, singles: int | None, families: bytes) -> tuple[Case, ...]:
         source = self.sets[0].source
         camera = source.camera
-        least = limits.read(camera)
+        least = limits.read()
         if self.power:
             return power.draw(camera, least.departures, self.tier.sets, each=singles)
         counts, _ = self.tier.drawn(singles)
         return case.draw(
             camera,
             counts,
+            families=seal.families(families),
             limits=least,
             kinds=self.tier.kinds,
-            leave_out={*NOT_TRIED, *(ROWS.keys() - source.effects)},
+            leave_out=ROWS.keys() - source.effects,
             upwards=source.upwards,
         )
 

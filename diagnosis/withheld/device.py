@@ -9,28 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.withheld import capture_files, matcher
-from diagnosis.withheld.case import Case
 from diagnosis.withheld.nominal import Nominal
 
 UNIT_M = 0.001
 _PAIR = ("ir_left.png", "ir_right.png")
 
 
-def measure(captures: Path, case: Case, camera: Nominal) -> None:
+def measure(captures: Path, camera: Nominal) -> None:
     """Write `depth.png` beside every infrared pair of a capture set, in millimetres.
 
     Args:
         captures: The capture set.
-        case: Whose settings the matcher takes over.
         camera: Its nominal settings.
 
     Raises:
         WithheldError: if a pair cannot be matched.
     """
-    settings = matcher.settings_for(case)
     for left in sorted(captures.glob("*/*/ir_left.png")):
         ir_left, ir_right = (_image(left.with_name(name)) for name in _PAIR)
-        depth_m = matcher.depth(ir_left, ir_right, camera, settings=settings)
+        depth_m = matcher.depth(ir_left, ir_right, camera)
         capture_files.write_depth(left.with_name("depth.png"), depth_m, UNIT_M)
 
 

@@ -15,19 +15,19 @@ from diagnosis.withheld.catalogue import Strengths
 
 Map = NDArray[np.float64]
 
+# What the pages' second parameters are of.
+_MEAN_STEP_PX = 2.0
+_ISLAND_STEP_PX = 1.0
+
 
 def refine(disparity_px: Map, strengths: Strengths) -> Map:
     """Apply every effect of a matcher that acts on its result; the very map given where none."""
     d = median(disparity_px, round(strengths.of("median")))
-    d = smoothing_mean(
-        d, round(strengths.of("smoothing_mean")), strengths.second("smoothing_mean.step_px")
-    )
+    d = smoothing_mean(d, round(strengths.of("smoothing_mean")), _MEAN_STEP_PX)
     d = lock(d, strengths.of("pixel_locking"))
     d = steps(d, strengths.of("subpixel_steps"))
     d = clear_edges(d, strengths.of("edge_jump"))
-    return without_islands(
-        d, round(strengths.of("speckle_filter")), strengths.second("speckle_filter.step_px")
-    )
+    return without_islands(d, round(strengths.of("speckle_filter")), _ISLAND_STEP_PX)
 
 
 def median(disparity_px: Map, side: int) -> Map:

@@ -1,7 +1,8 @@
 """The projector's dots as both imagers see them, and what becomes of them one by one.
 
 Light of dots over even light is the pattern itself, free of surfaces and shadows. Its maxima, taken
-to the projector's frame, are the dots, the same for both imagers and all scenes.
+to the projector's frame, are the dots, the same for both imagers and all scenes. What the pattern
+has between them is even light of no dot, which stays whatever becomes of the dots.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from scipy.spatial import KDTree
 from diagnosis.withheld import psf, spread
 from diagnosis.withheld.light import SIDES, Light, View
 
+_GROUND_PERCENTILE = 10.0  # Far enough from any dot; not the least, which grain takes too low.
 _LIT = 1e-4  # Of the brightest even light: below it a surface does not face the projector.
 _FLATTEN_PX = 0.7  # Keeps a renderer's grain from making dots of its own.
 _TALL = 1.2  # Least height of a dot over the mean.
@@ -46,6 +48,16 @@ def pattern(view: View) -> NDArray[np.float64]:
     return np.where(on, view.laser_e / np.where(on, view.even_e, 1.0), 0.0)
 
 
+def ground(view: View) -> NDArray[np.float64]:
+    """Part of the pattern (h, w) that is even light of no dot: one share, 0 where no light arrives.
+
+    The share is what the pattern falls to between the dots.
+    """
+    whole, on = pattern(view), lit(view)
+    share = float(np.percentile(whole[on], _GROUND_PERCENTILE)) if on.any() else 0.0
+    return np.minimum(whole, share)
+
+
 def lit(view: View) -> NDArray[np.bool_]:
     """Pixels (h, w) that see a surface the projector reaches."""
     brightest = float(view.even_e.max(initial=0.0))
@@ -71,9 +83,9 @@ def gather(lights: Iterable[Light], focal_px: float) -> Dots:
 
 
 def dropped(view: View, dots: Dots, share: float, rng: np.random.Generator) -> View:
-    """Darken every dot with a probability; the others stay as they are.
+    """Darken every dot with a probability; the others and the even ground stay as they are.
 
-    A dot is the light nearest to its direction, and goes with it as a whole.
+    A dot is the light over the ground that is nearest to its direction.
 
     Args:
         view: What an imager sees.
@@ -84,17 +96,17 @@ def dropped(view: View, dots: Dots, share: float, rng: np.random.Generator) -> V
     if share == 0.0:
         return view
     dark = np.append(rng.random(len(dots.tangents)) < share, False)
-    return _relight(view, np.where(dark[dots.owner(view)], 0.0, pattern(view)))
+    return _relight(view, np.where(dark[dots.owner(view)], ground(view), pattern(view)))
 
 
 def shifted(
     view: View, dots: Dots, sigma_mrad: float, focal_px: float, rng: np.random.Generator
 ) -> View:
-    """Displace every dot by two normal deviates.
+    """Displace every dot by two normal deviates; the even ground stays.
 
-    The light of each dot's cell is carried as a whole, in image space, and laid down by cubic
-    convolution weights (Keys, IEEE TASSP 29 (1981) 1153, eq. 4), which move a spot by a part of a
-    pixel without widening it.
+    A dot's light is what its cell has over the ground. It is carried in image space, and laid down
+    by cubic convolution weights (Keys, IEEE TASSP 29 (1981) 1153, eq. 4), which move a spot by a
+    part of a pixel without widening it.
 
     Args:
         view: What an imager sees.
@@ -109,7 +121,9 @@ def shifted(
     # A small angle moves a tangent t by (1 + t^2).
     move_px = np.append(focal_px * angles * (1.0 + dots.tangents**2), [[0.0, 0.0]], axis=0)
     moved = move_px[dots.owner(view)]
-    return _relight(view, _lay_down(pattern(view), moved[..., 0], moved[..., 1]))
+    even = ground(view)
+    laid = _lay_down(pattern(view) - even, moved[..., 0], moved[..., 1])
+    return _relight(view, even + laid)
 
 
 def widened(view: View, sigma_px: NDArray[np.float64], shape: psf.Shape) -> View:
@@ -135,9 +149,10 @@ def doubled(view: View, share: float, shift_px: tuple[float, float]) -> View:
     """
     if share == 0.0:
         return view
-    first = pattern(view)
+    even = ground(view)
+    first = pattern(view) - even
     second = ndimage.shift(first, shift_px[::-1], order=1, mode="nearest")
-    return _relight(view, (first + share * second) / (1.0 + share))
+    return _relight(view, even + (first + share * second) / (1.0 + share))
 
 
 def _find(view: View) -> NDArray[np.float64]:

@@ -51,12 +51,23 @@ _GOALS = {
 }
 
 
-def goals(tier: int, scores: Mapping[str, float | None]) -> dict[str, dict[str, Any]]:
+# Of depth and holes alone an answer is not asked for in every case.
+_WITHOUT_INFRARED = {
+    "answered": Goal(least=0.60),
+    "top1_of_answered": Goal(least=0.70),
+    "false_alarm": Goal(most=0.05),
+}
+
+
+def goals(
+    tier: int, scores: Mapping[str, float | None], *, infrared: bool = True
+) -> dict[str, dict[str, Any]]:
     """Set what is asked beside what was reached.
 
     Args:
         tier: Of the check.
         scores: By name, at least those that something is asked of.
+        infrared: Whether captures held it.
 
     Returns:
         By score, what is asked, and whether it is reached (None where no case tells).
@@ -67,6 +78,8 @@ def goals(tier: int, scores: Mapping[str, float | None]) -> dict[str, dict[str, 
     if tier not in TIERS:
         raise refusal("tier", f"must be one of {TIERS}", tier, "Tiers differ in what is shared.")
     asked = {key: pair[0 if tier == 1 else 1] for key, pair in _GOALS.items()}
+    if not infrared:
+        asked = _WITHOUT_INFRARED
     return {
         key: {"asked": goal.asked, "reached": goal.reached(scores[key])}
         for key, goal in asked.items()

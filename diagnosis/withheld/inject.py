@@ -45,7 +45,6 @@ EFFECTS = frozenset(
         "gamma",
         "black_level",
         "smoothing",
-        "decimation",
         # Outside the table; what is missing asks for bodies, lamps or single dots.
         "lens_ghost",
         "astigmatism",
@@ -146,7 +145,7 @@ class _Injection:
         dn = np.clip(signal + self.strengths.of("black_level"), 0.0, ceiling)
         dn = readout.smooth(dn, self.strengths.of("smoothing"))
         dn = outside.compress(dn, self.strengths.of("block_compression"))
-        return readout.whole(binned(dn, round(self.strengths.of("decimation"))), nominal.bit_depth)
+        return readout.whole(dn, nominal.bit_depth)
 
     def _grain(self, signal: Image) -> Image:
         contrast = self.strengths.of("laser_speckle")
@@ -220,14 +219,3 @@ def dots_alone(signal: Image) -> Image:
     ground = ndimage.grey_opening(signal, (_DOT_PX, _DOT_PX))
     ground = ndimage.gaussian_filter(ground, 0.5 * _DOT_PX)
     return np.clip(signal - ground, 0.0, None)
-
-
-def binned(dn: Image, side: int) -> Image:
-    """Mean of blocks of side x side pixels, the image keeping its size."""
-    if side <= 1:
-        return dn
-    height, width = dn.shape
-    padded = np.pad(dn, ((0, -height % side), (0, -width % side)), mode="edge")
-    rows, columns = padded.shape[0] // side, padded.shape[1] // side
-    mean = padded.reshape(rows, side, columns, side).mean((1, 3))
-    return np.repeat(np.repeat(mean, side, 0), side, 1)[:height, :width]

@@ -14,6 +14,7 @@ from diagnosis.withheld.catalogue import Strengths
 from diagnosis.withheld.light import Image, View
 from diagnosis.withheld.nominal import Nominal
 
+_FARTHEST_APART = 8.0  # Of the stops at the corner, in radii: next to no light is left.
 _VEIL_WIDTH = 0.75  # Deviation of the scattered light's spread, over the image's longer side.
 
 
@@ -36,11 +37,10 @@ def added_blur_px(view: View, strengths: Strengths) -> NDArray[np.float64]:
     behind it (Potmesil and Chakravarty 1982, eqs. 1 to 5).
     """
     nominal = strengths.nominal
-    focus_m = strengths.second("near_defocus.focus_m", nominal.lens_focus_m)
     even = max(strengths.of("lens_blur") ** 2 - nominal.lens_blur_px**2, 0.0)
     corner = (strengths.of("corner_blur") * nominal.radius()) ** 2
     inverse_m = np.nan_to_num(1.0 / view.depth_m)  # Where nothing is seen it is far.
-    near = (strengths.of("near_defocus") * (inverse_m - 1.0 / focus_m)) ** 2
+    near = (strengths.of("near_defocus") * (inverse_m - 1.0 / nominal.lens_focus_m)) ** 2
     return np.sqrt(even + corner + near)
 
 
@@ -49,15 +49,20 @@ def vignetting(nominal: Nominal, exponent: float) -> NDArray[np.float64]:
 
     Two equal round stops some way apart, in place of cos^n: off the axis one covers part of the
     other, as far as two circles overlap (Smith, Modern Optical Engineering, ch. 6). The circles'
-    shift grows with the tangent and is such that the image's farthest corner has the page's cos^n.
+    shift grows with the tangent and is such that, of all cos^n, the page's fits the image best.
     """
     across, down = nominal.tangents()
     tangent = np.hypot(across, down)
-    farthest = float(tangent.max())
-    corner = (1.0 + farthest**2) ** (-0.5 * exponent)
-    shift = brentq(lambda apart: float(_overlap(np.array(apart))) - corner, 0.0, 2.0)
+    law = (1.0 + tangent**2) ** (-0.5 * exponent)
+    slope = law * np.log1p(tangent**2)  # Of the law over n, but for a factor.
+
+    def excess(shift: float) -> float:
+        """Slope over n of the law's squared distance: 0 where no other n fits better."""
+        return float(np.vdot(law - _overlap(shift * tangent), slope))
+
+    shift = brentq(excess, 0.0, _FARTHEST_APART / float(tangent.max()))
     assert isinstance(shift, float)
-    return _overlap(shift * tangent / farthest)
+    return _overlap(shift * tangent)
 
 
 def veil(laser_e: Image, rest_e: Image, share: float) -> tuple[Image, Image]:

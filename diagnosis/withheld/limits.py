@@ -10,7 +10,6 @@ from typing import Any
 
 from diagnosis.withheld.catalogue import ROWS, Row
 from diagnosis.withheld.errors import refusal
-from diagnosis.withheld.nominal import Nominal
 
 # Values below and above the base from which on half of the readings are found, or the choices that
 # are, by effect, on scenes of development alone: `python -m diagnosis.detection`.
@@ -28,11 +27,10 @@ class Limits:
     choices: Mapping[str, tuple[float, ...]]  # By effect that is a choice.
 
 
-def read(camera: Nominal) -> Limits:
+def read() -> Limits:
     """Read from which departure on effects are found, and which choices are.
 
-    Args:
-        camera: Gives the neutrals.
+    Departures are from the camera that the limits were made with: they hold for another one.
 
     Raises:
         WithheldError: if the file is missing or damaged.
@@ -52,17 +50,19 @@ def read(camera: Nominal) -> Limits:
         if row.scale == "choice":
             choices[name] = _choices(row, limit)
         else:
-            departures[name] = _departure(row, limit, camera)
+            departures[name] = _departure(row, limit)
     return Limits(departures=departures, choices=choices)
 
 
-def _departure(row: Row, sides: Any, camera: Nominal) -> float:
-    if not isinstance(sides, list) or len(sides) != 2:
-        raise refusal(f"limit of {row.name}", "must have two sides", sides, _ADVICE)
-    known = [side for side in sides if side is not None]
-    if not all(isinstance(side, int | float) for side in known):
-        raise refusal(f"limit of {row.name}", "must be numbers", sides, _ADVICE)
-    least = max((row.departure(camera, float(side)) for side in known), default=float("inf"))
+def _departure(row: Row, told: Any) -> float:
+    sides = ("below", "above")
+    if not isinstance(told, dict) or not {"base", *sides} <= told.keys():
+        raise refusal(f"limit of {row.name}", "must have a base and two sides", told, _ADVICE)
+    known = [told[side] for side in sides if told[side] is not None]
+    if not all(isinstance(number, int | float) for number in (told["base"], *known)):
+        raise refusal(f"limit of {row.name}", "must be numbers", told, _ADVICE)
+    base = float(told["base"])
+    least = max((row.apart(base, float(side)) for side in known), default=float("inf"))
     # No noise hides what acts on a map that is there: as weak as its page has it, and no weaker.
     return max(least, row.low) if row.kind == "post" else least
 

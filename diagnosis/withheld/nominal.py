@@ -20,6 +20,7 @@ _MAY_BE_ZERO = {
     "cx_px",
     "cy_px",
     "ambient_w_m2",
+    "ambient_gradient",
     "black_level_dn",
     "read_noise_e",
     "shot_noise",
@@ -42,11 +43,13 @@ class Nominal:
     exposure_s: float
     power_w: float  # Of the projector.
     ambient_w_m2: float
+    ambient_gradient: float
     full_well_e: float
     bit_depth: int
     dn_per_e: float  # Codes are black_level_dn + gain dn_per_e electrons.
     gain: float
     black_level_dn: float
+    depth_unit_m: float
     read_noise_e: float
     shot_noise: float  # Share of Poisson's deviation.
     lens_blur_px: float  # Gaussian sigma of the lens.

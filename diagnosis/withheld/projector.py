@@ -52,7 +52,7 @@ def width_px(view: View, strengths: Strengths) -> NDArray[np.float64]:
     Both are angles at the projector. An angle a moves the tangent t of a ray by (1 + t^2) a along
     the field's radius and by sqrt(1 + t^2) a across it; the mean of both variances is taken.
     """
-    focus_m = strengths.second("dot_defocus.focus_m", strengths.nominal.projector_focus_m)
+    focus_m = strengths.nominal.projector_focus_m
     out_of_focus = strengths.of("dot_defocus") * np.abs(1.0 / view.depth_m - 1.0 / focus_m)
     variance_mrad2 = strengths.of("dot_blur") ** 2 + out_of_focus**2
     stretch = 1.0 + view.px**2 + view.py**2

@@ -84,7 +84,7 @@ class Rendered:
         for one in cases:
             shoot.shoot(self.light, one, out / one.name, frames=self.tier.frames)
             if self.tier.matcher == "own":
-                device.measure(out / one.name, one, camera)
+                device.measure(out / one.name, camera)
         if self.tier.matcher == "starling":
             programs.depth(out, self.sensor)
         for one in cases:

@@ -1,4 +1,4 @@
-"""Light that leaves the surfaces: sky, reflectance, light inside bodies, another projector."""
+"""Light that leaves the surfaces: sky, light inside bodies, another projector, exposure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from scipy import ndimage
 
 from diagnosis.withheld import dots, spread
 from diagnosis.withheld.catalogue import Strengths
-from diagnosis.withheld.draws import Draws
 from diagnosis.withheld.light import Image, View
 from diagnosis.withheld.nominal import Nominal
 
@@ -26,43 +25,25 @@ class Arriving:
     rest_e: Image  # All other.
 
 
-def leave(view: View, strengths: Strengths, draws: Draws) -> Arriving:
+def leave(view: View, strengths: Strengths) -> Arriving:
     """Add up what the surfaces send to one imager.
 
     Args:
         view: Light with the projector's effects.
         strengths: The effects.
-        draws: Random numbers, the same for both imagers.
     """
     nominal = strengths.nominal
     view = _inside_bodies(view, strengths)
     rest = view.ambient_e * strengths.of("ambient")
-    gradient = strengths.of("ambient_gradient")
-    if gradient != 0.0:
-        rest = rest * (1.0 + 2.0 / 3.0 * gradient * facing_up(view, nominal))
+    if strengths.acting("ambient_gradient"):
+        up = facing_up(view, nominal)
+        rendered = _under_gradient(nominal.ambient_gradient, up)
+        rest = rest * (_under_gradient(strengths.of("ambient_gradient"), up) / rendered)
     other_w = strengths.of("second_projector")
     if other_w != 0.0:
         rest = rest + other_w * view.other_e
-    factor = reflectance(view, strengths, draws)
     time = strengths.of("exposure") / nominal.exposure_s
-    return Arriving(laser_e=view.laser_e * factor * time, rest_e=rest * factor * time)
-
-
-def reflectance(view: View, strengths: Strengths, draws: Draws) -> NDArray[np.float64]:
-    """Factor (h, w) by which bodies are brighter than their model, for every light alike.
-
-    The cap that no body returns more than it receives is left out: light tells no reflectance.
-    """
-    scale = strengths.of("nir_reflectance")
-    share = strengths.second("nir_reflectance.bodies")
-    table = np.ones(int(view.body.max()) + 1)
-    if share >= 1.0:
-        table[1:] = scale
-    else:
-        for body in range(1, len(table)):  # One stream a body: both imagers agree on it.
-            chosen = draws.of_scene(f"reflectance/{body}").random() < share
-            table[body] = scale if chosen else 1.0
-    return table[view.body]
+    return Arriving(laser_e=view.laser_e * time, rest_e=rest * time)
 
 
 def facing_up(view: View, nominal: Nominal) -> NDArray[np.float64]:
@@ -91,6 +72,11 @@ def facing_up(view: View, nominal: Nominal) -> NDArray[np.float64]:
     up = view.up
     towards = -(nx * up[0] + ny * up[1] + nz * up[2]) / length
     return np.where(view.body > 0, towards, 0.0)
+
+
+def _under_gradient(gradient: float, up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Light of a tilted sky over that of an even one (h, w), by the cosine to up: the page's."""
+    return 1.0 + 2.0 / 3.0 * gradient * up
 
 
 def _one_body(view: View) -> NDArray[np.bool_]:

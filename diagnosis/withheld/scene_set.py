@@ -11,7 +11,6 @@ from typing import Literal
 from diagnosis.withheld import programs, verdict
 from diagnosis.withheld.answered import Answered
 from diagnosis.withheld.case import Case
-from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.source import Source
 
 # Of the diagnosis' table; twins are the effects that it says one is confused with.
@@ -101,4 +100,5 @@ class SceneSet:
 
 
 def _row(case: Case) -> str:
-    return next(name for name in case.settings if name in ROWS)
+    (name,) = case.settings
+    return name

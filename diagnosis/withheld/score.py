@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from diagnosis.withheld import breakdown
@@ -19,6 +19,8 @@ def score(
     nominal: Nominal,
     *,
     tier: int,
+    families: Mapping[str, str],
+    infrared: bool = True,
     left_out: Sequence[Answered] = (),
     family_alone: Sequence[Answered] = (),
 ) -> dict[str, Any]:
@@ -28,6 +30,8 @@ def score(
         answered: Cases of all kinds with the verdicts on them.
         nominal: The camera of the cases.
         tier: Of the check, 1 to 4; the goals depend on it.
+        families: Of the diagnosis' effects, by name, as they were sealed.
+        infrared: Whether captures held it; without, other goals are set.
         left_out: Singles once more, with the verdicts of a diagnosis that the true effect's family
             and its twins' were taken from: it ought to say that it knows none.
         family_alone: The same without the family alone: twins may rightly be named.
@@ -50,7 +54,7 @@ def score(
     }
     known = [*of["null"], *of["single"], *of["pair"]]
     figures = {
-        **_singles(of["single"], nominal),
+        **_singles(of["single"], nominal, families),
         "false_alarm": figure(of["null"], lambda one: one.alarm),
         "false_named": figure(of["null"], lambda one: one.verdict.kind == "effects"),
         "pairs_both": figure(of["pair"], lambda one: one.both_in_sets),
@@ -64,7 +68,7 @@ def score(
         **_closed([*of["single"], *of["pair"]]),
     }
     scores = {key: one.value for key, one in figures.items()}
-    asked = goals(tier, scores)
+    asked = goals(tier, scores, infrared=infrared)
     return {
         "tier": tier,
         "cases": {
@@ -83,11 +87,13 @@ def score(
     }
 
 
-def _singles(singles: Sequence[Answered], nominal: Nominal) -> dict[str, Figure]:
+def _singles(
+    singles: Sequence[Answered], nominal: Nominal, families: Mapping[str, str]
+) -> dict[str, Figure]:
     named = [one for one in singles if one.verdict.named]
     return {
         "top1": figure(singles, lambda one: one.first_right),
-        "top1_family": figure(singles, lambda one: one.family_right),
+        "top1_family": figure(singles, lambda one: one.family_right(families)),
         "in_set": figure(singles, lambda one: one.in_set),
         "set_size": figure(named, lambda one: len(one.verdict.named[0].rows)),
         "parameter_error_pct": figure(singles, lambda one: one.error_pct(nominal), median=True),

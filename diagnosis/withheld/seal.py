@@ -6,6 +6,7 @@ Beside it that of the diagnosis' families, which must not be drawn anew once ans
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,12 +20,12 @@ FAMILIES = "families.json"
 SEAL = "truth.sha256"
 
 
-def seal(cases: Sequence[Case], families: bytes, hidden: Path, public: Path) -> str:
+def seal(cases: Sequence[Case], told: bytes, hidden: Path, public: Path) -> str:
     """Put the truth into one folder, and its fingerprint and the families into another.
 
     Args:
         cases: The cases drawn.
-        families: What `FAMILIES` is to hold.
+        told: Families, as `FAMILIES` is to hold them.
         hidden: Folder that the diagnosis cannot read; made where there is none.
         public: Folder for the SHA-256; made where there is none.
 
@@ -44,16 +45,16 @@ def seal(cases: Sequence[Case], families: bytes, hidden: Path, public: Path) -> 
     hidden.mkdir(parents=True, exist_ok=True)
     public.mkdir(parents=True, exist_ok=True)
     _write(hidden / TRUTH, text)
-    _write(public / FAMILIES, families)
-    _write(public / SEAL, f"{digest}  {TRUTH}\n{_digest(families)}  {FAMILIES}\n".encode())
+    _write(public / FAMILIES, told)
+    _write(public / SEAL, f"{digest}  {TRUTH}\n{_digest(told)}  {FAMILIES}\n".encode())
     return digest
 
 
-def verify(families: bytes, hidden: Path, public: Path) -> tuple[Case, ...]:
+def verify(told: bytes, hidden: Path, public: Path) -> tuple[Case, ...]:
     """Open the truth after making sure that it and the families are those that were sealed.
 
     Args:
-        families: Those that the diagnosis has now.
+        told: Families that the diagnosis has now.
         hidden: Folder of the truth.
         public: Folder of the seal.
 
@@ -67,10 +68,23 @@ def verify(families: bytes, hidden: Path, public: Path) -> tuple[Case, ...]:
         raise refusal("seal", "must have a truth and a fingerprint", hidden, f"{error}.") from error
     if _digest(text) != of_truth:
         raise refusal("truth", "must be the one sealed", hidden / TRUTH, "It was changed since.")
-    if _digest(families) != of_families:
+    if _digest(told) != of_families:
         rule, advice = "must be those sealed", "The diagnosis' table was changed since."
         raise refusal("families", rule, public / FAMILIES, advice)
     return case.loads(text.decode())
+
+
+def families(content: bytes) -> dict[str, str]:
+    """Family by effect, of what `FAMILIES` holds.
+
+    Raises:
+        WithheldError: if it is no table of effects.
+    """
+    try:
+        return {name: str(told["family"]) for name, told in json.loads(content).items()}
+    except (ValueError, AttributeError, TypeError, KeyError) as error:
+        rule, advice = "must be a table of effects", "The diagnosis writes it."
+        raise refusal("families", rule, type(error).__name__, advice) from error
 
 
 def _digest(content: bytes) -> str:

@@ -80,13 +80,12 @@ def post(out: Path, case: Case, camera: Nominal) -> None:
     strengths = Strengths(nominal=camera, values=case.settings)
     captures = capture.open_set(out)
     for scene in captures.scenes:
-        read = {number: scene.frame(number).depth_m for number in scene.frames}
-        matched = {number: depth_m for number, depth_m in read.items() if depth_m is not None}
-        maps = [depth_m.astype(np.float64) for depth_m in matched.values()]
-        if not maps:
-            continue
-        processed = depth_filters.process(maps, strengths)
-        for number, before, depth_m in zip(matched, maps, processed, strict=True):
+        for number in scene.frames:
+            matched = scene.frame(number).depth_m
+            if matched is None:
+                continue
+            before = matched.astype(np.float64)
+            depth_m = depth_filters.process(before, strengths)
             if depth_m is not before:
                 path = scene.path / str(number) / "depth.png"
                 capture_files.write_depth(path, depth_m, captures.info.depth_unit_m)

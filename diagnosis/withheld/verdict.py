@@ -73,11 +73,8 @@ class Verdict:
 
     @property
     def headline_pct(self) -> float | None:
-        """Share closed in all that was looked at, in the first named effect's arm where it is."""
-        if self.first is not None and _HEADLINE + self.first.arm in self.closed_pct:
-            return self.closed_pct[_HEADLINE + self.first.arm]
-        all_arms = (self.closed_pct.get(_HEADLINE + arm) for arm in _ARMS)
-        return next((share for share in all_arms if share is not None), None)
+        """Share closed in all that the arm of the effect named first looks at; None without one."""
+        return None if self.first is None else self.closed_pct.get(_HEADLINE + self.first.arm)
 
     def of_arm(self, arm: Arm) -> Verdict:
         """What was said of one arm alone.

@@ -8,6 +8,8 @@ from patterns import errors
 from patterns.whole import whole
 from sim.parts.lens import Alignment, Lens
 
+BIT_DEPTHS = (8, 10, 12, 16)
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Imager:
@@ -48,7 +50,7 @@ class Imager:
         for name, high in _FROM_ZERO.items():
             errors.in_interval(f"imager.{name}", getattr(self, name), 0.0, high)
         errors.in_interval("imager.gamma", self.gamma, 0.2, 5.0)
-        if self.bit_depth not in (8, 10, 12, 16):
+        if self.bit_depth not in BIT_DEPTHS:
             raise errors.refuse(
                 "imager.bit_depth",
                 "must be 8, 10, 12 or 16",

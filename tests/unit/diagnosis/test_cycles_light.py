@@ -54,7 +54,7 @@ def source(tmp_path: Path) -> Path:
     """A folder of light of two scenes, as `light_sets.write` leaves it but for the light."""
     folder, nominal_sensor = tmp_path / "light", sensor()
     info = capture_writer.info_of(nominal_sensor, source="check", licence="none", notes="")
-    told = {**nominal(nominal_sensor), "ambient_w_m2": 0.1}
+    told = {**nominal(nominal_sensor), "ambient_w_m2": 0.1, "ambient_gradient": 0.5}
     for name in ("wall-1", "wall-2"):
         (folder / name).mkdir(parents=True)
         word = name.replace("-", ":")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,8 @@ from diagnosis.which.signature import Signature
 from sim import effects
 
 SCENES, FEATURES, SEEDS = 8, 40, 6
-HELD = folds([str(scene) for scene in range(SCENES)])
+ROOMS = [str(scene) for scene in range(SCENES)]
+HELD = folds(ROOMS)
 NAMES = ("lens_blur", "veil", "crosstalk", "read_noise")
 
 
@@ -57,6 +59,8 @@ BASE = Base(
 
 class FakeBench:
     """Simulates by adding signatures, and what two effects make only together."""
+
+    subjects = tuple(SimpleNamespace(room=room) for room in ROOMS)
 
     def __init__(self, made: dict[str, Signature] = MADE, together: float = 0.0) -> None:
         self.made = made
@@ -104,7 +108,7 @@ def test_strength_is_found(value):
     likelihood = likelihood_of({"veil": value}, 7)
     found = fit(MADE["veil"], likelihood, HELD)
     assert found.value == pytest.approx(value, rel=0.1)
-    low, high = (float(end) for end in found.interval(level=0.9, seed=0))
+    low, high = (float(end) for end in found.interval(ROOMS, level=0.9, seed=0))
     assert low <= float(found.value) <= high
     assert found.total > 100
     wrong = fit(MADE["crosstalk"], likelihood, HELD)
@@ -122,7 +126,9 @@ def test_no_effect_gains_from_noise():
 
 
 def test_what_the_lens_spot_makes_is_trusted_less():
-    """A fifth of what goes with the spot, and what is not known without it as all else."""
+    """A fifth of what goes with the spot, and all of what another estimate of a scene changes;
+    what is not known of either as all else.
+    """
 
     class Bench:
         arm = Arm.IMAGE
@@ -137,10 +143,14 @@ def test_what_the_lens_spot_makes_is_trusted_less():
             assert settings == {"lens_blur": 0.0}
             return np.array([[0.0, 1.0, np.nan], [0.0, -2.0, 0.0]])
 
+        def otherwise(self) -> list[np.ndarray]:
+            return [np.array([[0.0, 0.0, 0.3], [np.nan, 0.0, 0.0]])]
+
     floor = null.base(Bench(), seeds=2).floor  # type: ignore[arg-type]
     least = null.FLOOR
     np.testing.assert_allclose(
-        floor, [[least, np.hypot(least, 0.2), least], [least, np.hypot(least, 0.4), least]]
+        floor,
+        [[least, np.hypot(least, 0.2), np.hypot(least, 0.3)], [least, np.hypot(least, 0.4), least]],
     )
 
 

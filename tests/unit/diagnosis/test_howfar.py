@@ -10,6 +10,8 @@ from diagnosis.howfar.distances import distances
 from diagnosis.reading import Reading
 from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, made
 
+ROOMS = ("hall", "attic", "porch")
+
 
 def reading(
     seed: int, *, noise_px: float = 0.1, bias_px: float = 0.0, level: float = 1.0, frames: int = 1
@@ -77,26 +79,41 @@ def test_closed_is_a_ratio_of_sums():
     before = [{"a": 1.0}, {"a": 3.0}, {"a": 2.0}]
     after = [{"a": 0.5}, {"a": 0.5}, {"a": 0.5}]
     floor = [{"a": 0.0}, {"a": 0.0}, {"a": 0.0}]
-    (found,) = closed(before, after, floor).values()
+    (found,) = closed(before, after, floor, ROOMS).values()
     assert found.closed_pct == pytest.approx(100 * 4.5 / 6)
     assert found.interval is not None and found.interval[0] <= 75 <= found.interval[1]
     assert (found.before, found.after, found.floor) == (2, 0.5, 0)
 
 
+def test_scenes_of_one_room_are_drawn_together():
+    """Four of a room whose gap does not close, one of another: a draw has one of them, or both."""
+    before, floor = [{"a": 1.0}] * 5, [{"a": 0.0}] * 5
+    after = [{"a": 1.0}] * 4 + [{"a": 0.0}]
+    (found,) = closed(before, after, floor, ["hall"] * 4 + ["attic"]).values()
+    assert found.closed_pct == pytest.approx(20)
+    assert found.interval == pytest.approx((0, 100))
+
+
+def test_one_room_must_have_a_gap_in_every_scene():
+    before, after, floor = [{"a": 1.0}, {"a": 0.1}], [{"a": 0.5}] * 2, [{"a": 0.2}] * 2
+    (found,) = closed(before, after, floor, ["hall"] * 2).values()
+    assert found.closed_pct is None
+
+
 def test_a_gap_that_is_none_is_not_identifiable():
     same = [{"a": 1.0}, {"a": 2.0}, {"a": 0.5}]
     other = [{"a": 2.0}, {"a": 1.0}, {"a": 0.5}]
-    (found,) = closed(same, other, other).values()
+    (found,) = closed(same, other, other, ROOMS).values()
     assert found.closed_pct is None and found.interval is None
 
 
 def test_one_scene_has_no_interval():
-    (found,) = closed([{"a": 2.0}], [{"a": 1.0}], [{"a": 0.0}]).values()
+    (found,) = closed([{"a": 2.0}], [{"a": 1.0}], [{"a": 0.0}], ROOMS[:1]).values()
     assert found.closed_pct == pytest.approx(50) and found.interval is None
 
 
 def test_scenes_without_a_figure_are_left_out():
     nan = float("nan")
     before, after, floor = ([{"a": v}, {"a": nan}, {"a": v}] for v in (2.0, 1.0, 0.0))
-    assert closed(before, after, floor)["a"].closed_pct == pytest.approx(50)
-    assert closed([{"a": nan}], [{"a": 1.0}], [{"a": 0.0}]) == {}
+    assert closed(before, after, floor, ROOMS)["a"].closed_pct == pytest.approx(50)
+    assert closed([{"a": nan}], [{"a": 1.0}], [{"a": 0.0}], ROOMS[:1]) == {}

@@ -58,18 +58,18 @@ SIMULATED = [pair_of(number, 1.0, 0.02) for number in range(len(NAMES))]
 
 
 def where(captured: list[Reading]) -> Where:
-    grounds = [GROUND] * len(captured)
+    grounds, rooms = [GROUND] * len(captured), NAMES[: len(captured)]
     simulated = SIMULATED[: len(captured)]
     several = len(captured) > 1
     seen = [one.device_px if one.device_px is not None else one.ours_px for one in captured]
     before = [~np.isfinite(one.ours_px[0]) for one in simulated if one.ours_px is not None]
     after = [~np.isfinite(one[0]) for one in seen if one is not None]
     return Where(
-        parts=swap.swap(simulated, captured, grounds),
-        maps=tuple(maps.maps(simulated, captured, grounds)) if several else (),
+        parts=swap.swap(simulated, captured, grounds, rooms),
+        maps=tuple(maps.maps(simulated, captured, grounds, rooms)) if several else (),
         bodies=(),
-        rows=tuple(table.table(before, after, grounds)),
-        rules=tuple(rules.rules(before, after, grounds)) if several else (),
+        rows=tuple(table.table(before, after, grounds, rooms)),
+        rules=tuple(rules.rules(before, after, grounds, rooms)),
     )
 
 
@@ -133,6 +133,7 @@ def diagnosis(captured: list[Reading] | None = None, **others: Any) -> Diagnosis
         "where": where(captured),
         "arms": (found(NAMED),),
         "settings": NAMED.settings,
+        "together": True,
         "tell_apart": (),
         "howfar": HOWFAR,
         "residual": None,
@@ -314,7 +315,7 @@ def test_without_infrared_depth_alone_is_shown():
     assert "B real images, our matcher not captured" in read.text
     assert "Infrared level" not in read.text and "B less A" not in read.text.split("Which pl")[1]
     assert not any(one["alt"].startswith("Real: ") for one in read.pictures)
-    assert any(one["alt"].startswith("Real, the device's own: ") for one in read.pictures)
+    assert any(one["alt"].startswith("Real, own depth: ") for one in read.pictures)
 
 
 def test_without_device_depth_our_matcher_stands_for_it():
@@ -332,7 +333,9 @@ def test_without_a_simulation_after_there_is_no_picture_of_it():
 
 def test_what_is_not_known_is_a_dash():
     unknown = np.full((maps.ROWS, maps.COLUMNS), NAN)
-    blank = tuple(dataclasses.replace(one, mean=unknown, t=unknown) for one in FULL.where.maps)
+    blank = tuple(
+        dataclasses.replace(one, mean=unknown, deviations=unknown) for one in FULL.where.maps
+    )
     parts = {
         "bias_px": swap.Part(
             base=NAN, base_device=None, rematched=None, device=None, image=None, matcher=None
@@ -359,8 +362,15 @@ def test_report_json_holds_what_the_page_shows():
 
 
 def test_the_printed_text_ends_with_the_report_s_place():
-    told = diagnose_captures.as_text({"says": ["a.", "b."], "report": "out/report.html"})
-    assert told.splitlines() == ["a.", "b.", "Report: out/report.html"]
+    told = {"says": ["a.", "b."], "report": "out/report.html", "fixed": None}
+    said = ["a.", "b.", "Report: out/report.html"]
+    assert diagnose_captures.as_text(told).splitlines() == said
+    told |= {"fixed": "out/sensor.toml", "verdict": "effects", "effects": ["veil"]}
+    written = "Sensor: out/sensor.toml"
+    assert diagnose_captures.as_text(told).splitlines() == [*said, written]
+    told["verdict"] = "none of the known"
+    standing_in = f"{written}, with stand-ins in it"
+    assert diagnose_captures.as_text(told).splitlines() == [*said, standing_in]
 
 
 class FakeSubject:
@@ -368,7 +378,7 @@ class FakeSubject:
 
     name, real, ground, against = "attic", real()[0], GROUND, None
 
-    def simulate(self, settings: dict[str, float], *, seed: int) -> Reading:
+    def like_captured(self, settings: dict[str, float], *, seed: int) -> Reading:
         return pair_of(seed, 1.0 + len(settings), 0.02)
 
 

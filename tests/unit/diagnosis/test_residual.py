@@ -59,13 +59,11 @@ class Made:
         if device:
             self.real = dataclasses.replace(self.real, ours_px=maps(~HOLES), device_px=maps(HOLES))
 
-    def simulate(self, settings: Mapping[str, float], *, seed: int) -> Reading:
+    def like_captured(self, settings: Mapping[str, float], *, seed: int) -> Reading:
         assert seed == OTHER
-        return Reading(left=None, right=None, ours_px=maps(simulated(settings)), device_px=None)
-
-    def capture(self, settings: Mapping[str, float], *, seed: int) -> Reading:
-        one = self.simulate(settings, seed=seed)
-        return dataclasses.replace(one, device_px=one.ours_px)
+        found = maps(simulated(settings))
+        device = None if self.real.device_px is None else found
+        return Reading(left=None, right=None, ours_px=found, device_px=device)
 
     def physics(self, settings: Mapping[str, float], *, seeds: Sequence[int]) -> Physics:
         assert len(seeds) == DRAWS
@@ -162,13 +160,6 @@ def test_without_a_locked_scene_nothing_is_learnt(method):
     with pytest.raises(InputError, match="locked scenes must be at least 1; got 0"):
         residual.learn(asked, [], {})
     assert method.seen == []
-
-
-def test_a_scene_without_depth_is_refused(method):
-    one: Any = Made(0)
-    one.real = dataclasses.replace(one.real, ours_px=None, device_px=None)
-    with pytest.raises(InputError, match="scene scene0 must have depth of its own or an infrared"):
-        residual.learn([one], [one], {})
 
 
 def test_a_figure_that_a_scene_has_not_is_left_out_of_the_mean():

@@ -10,9 +10,10 @@ import pytest
 from diagnosis.reading import Reading
 from diagnosis.where import maps as maps_of
 from diagnosis.where import rules, swap, table
-from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND
+from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, made
 
 SCENES = 6
+ROOMS = [f"room {number}" for number in range(SCENES)]
 
 
 def maps(seed: int, *, holes: float, noise_px: float = 0.1) -> np.ndarray:
@@ -35,30 +36,35 @@ def readings(seed: int, ours: float, device: float | None) -> list[Reading]:
 
 
 def test_the_gap_is_parted_between_image_and_matcher():
-    found = swap.swap(readings(0, 0.02, None), readings(100, 0.05, 0.11), [GROUND] * SCENES)
+    found = swap.swap(readings(0, 0.02, None), readings(100, 0.05, 0.11), [GROUND] * SCENES, ROOMS)
     rate = found["ndp_rate"]
     assert rate.base == pytest.approx(0.02, abs=0.003)
     assert rate.image is not None and rate.matcher is not None
     assert rate.image[0] == pytest.approx(0.03, abs=0.004)
     assert rate.matcher[0] == pytest.approx(0.06, abs=0.004)
-    assert rate.image[1] < 0.03 < rate.image[2]
+    _, low, high = rate.image
+    assert low is not None and high is not None and low < 0.03 < high
     assert rate.image_share == pytest.approx(1 / 3, abs=0.05)
     assert found["nmad_px"].base == pytest.approx(0.1, rel=0.05)
 
 
 def test_without_device_depth_or_infrared_a_part_is_missing():
     grounds = [GROUND] * SCENES
-    found = swap.swap(readings(0, 0.02, None), readings(100, 0.05, None), grounds)["ndp_rate"]
+    found = swap.swap(readings(0, 0.02, None), readings(100, 0.05, None), grounds, ROOMS)[
+        "ndp_rate"
+    ]
     assert found.device is None and found.matcher is None and found.image_share is None
     depth_only = [dataclasses.replace(one, ours_px=None) for one in readings(9, 0.05, 0.1)]
-    found = swap.swap(readings(0, 0.02, None), depth_only, grounds)["ndp_rate"]
+    found = swap.swap(readings(0, 0.02, None), depth_only, grounds, ROOMS)["ndp_rate"]
     assert found.rematched is None and found.image is None and found.device is not None
 
 
 def test_two_devices_are_compared_by_what_each_adds_to_our_matcher():
     """Images lose 3 points, this device 4 more than ours, the other 1."""
     grounds = [GROUND] * SCENES
-    found = swap.swap(readings(0, 0.02, 0.03), readings(100, 0.05, 0.09), grounds)["ndp_rate"]
+    found = swap.swap(readings(0, 0.02, 0.03), readings(100, 0.05, 0.09), grounds, ROOMS)[
+        "ndp_rate"
+    ]
     assert found.image is not None and found.matcher is not None and found.base_device is not None
     assert found.image[0] == pytest.approx(0.03, abs=0.004)
     assert found.matcher[0] == pytest.approx(0.03, abs=0.004)
@@ -77,7 +83,7 @@ def test_more_holes_in_one_bin_are_found_there():
     near = GROUND.covariates["x"].where("left")
     first = [holes(scene) for scene in range(SCENES)]
     second = [holes(50 + scene, near) for scene in range(SCENES)]
-    rows = table.table(first, second, [GROUND] * SCENES)
+    rows = table.table(first, second, [GROUND] * SCENES, ROOMS)
     row = next(row for row in rows if (row.covariate, row.bin) == ("x", "left"))
     assert row.gap == pytest.approx(0.1, abs=0.01) and row.low < 0.1 < row.high
     assert row.share == pytest.approx(1, abs=0.15) and row.p < 0.06
@@ -92,7 +98,7 @@ def test_rows_of_no_gap_are_rarely_named():
     for number in range(20):
         first = [holes(1000 * number + scene) for scene in range(8)]
         second = [holes(1000 * number + 500 + scene) for scene in range(8)]
-        rows = table.table(first, second, [GROUND] * 8)
+        rows = table.table(first, second, [GROUND] * 8, [str(scene) for scene in range(8)])
         named += rows[0].p < 0.05
     assert named <= 4
 
@@ -113,13 +119,14 @@ def test_maps_show_a_gap_in_the_frame_that_it_stands_in():
     simulated = [pair_of(scene, 1.0, 0.02) for scene in range(SCENES)]
     real = [pair_of(50 + scene, falling, 0.05) for scene in range(SCENES)]
     found = {
-        (one.quantity, one.frame): one for one in maps_of.maps(simulated, real, [GROUND] * SCENES)
+        (one.quantity, one.frame): one
+        for one in maps_of.maps(simulated, real, [GROUND] * SCENES, ROOMS)
     }
     level = found["infrared", maps_of.CAMERA]
     row = level.mean[maps_of.ROWS // 2]
     row = row[np.isfinite(row)]
     assert row[0] > row[-1] + 0.2
-    assert np.nanmedian(np.abs(level.t)) > 3
+    assert np.nanmedian(np.abs(level.deviations)) > 3
     holes = found["holes", maps_of.PROJECTOR].mean
     assert np.nanmean(holes) == pytest.approx(0.03, abs=0.005)
     assert np.isnan(holes[0, 0])  # The image does not reach the field's corner.
@@ -136,7 +143,7 @@ def test_a_gap_on_one_object_is_told_of_it():
 
 def test_maps_do_without_infrared():
     bare = [dataclasses.replace(pair_of(n, 1.0, 0.02), left=None, right=None) for n in range(2)]
-    found = maps_of.maps(bare, bare, [GROUND] * 2)
+    found = maps_of.maps(bare, bare, [GROUND] * 2, ROOMS[:2])
     assert {one.quantity for one in found} == {"error", "holes"}
     assert np.isnan(maps_of.bodies(["a"], bare[:1], bare[:1], [GROUND])[0].infrared)
 
@@ -145,7 +152,7 @@ def test_a_rule_says_where_holes_are():
     near = GROUND.covariates["x"].where("left")
     first = [holes(scene) for scene in range(SCENES)]
     second = [holes(50 + scene, near) for scene in range(SCENES)]
-    rule = rules.rules(first, second, [GROUND] * SCENES)[0]
+    rule = rules.rules(first, second, [GROUND] * SCENES, ROOMS)[0]
     assert "x < 0.33" in rule.text and "widths" in rule.text
     assert rule.gap == pytest.approx(0.1, abs=0.02)
     assert rule.share == pytest.approx(1, abs=0.15)
@@ -156,11 +163,61 @@ def test_a_rule_of_two_conditions_says_both():
     where = GROUND.covariates["x"].where("left") & GROUND.covariates["y"].where("top")
     first = [holes(scene) for scene in range(SCENES)]
     second = [holes(50 + scene, where) for scene in range(SCENES)]
-    text = rules.rules(first, second, [GROUND] * SCENES)[0].text
+    text = rules.rules(first, second, [GROUND] * SCENES, ROOMS)[0].text
     assert "and" in text
 
 
 def test_no_rule_is_made_of_noise_that_other_scenes_do_not_confirm():
     first = [holes(scene) for scene in range(SCENES)]
     second = [holes(50 + scene) for scene in range(SCENES)]
-    assert all(abs(rule.gap) < 0.02 for rule in rules.rules(first, second, [GROUND] * SCENES))
+    assert all(
+        abs(rule.gap) < 0.02 for rule in rules.rules(first, second, [GROUND] * SCENES, ROOMS)
+    )
+
+
+def test_rules_of_few_rooms_are_confirmed_by_none():
+    near = GROUND.covariates["x"].where("left")
+    first = [holes(scene) for scene in range(SCENES)]
+    second = [holes(50 + scene, near) for scene in range(SCENES)]
+    rooms = ["hall", "hall", "attic", "attic", "porch", "porch"]
+    assert rules.rules(first, second, [GROUND] * SCENES, rooms) == []
+
+
+def test_scenes_of_one_room_are_one_piece_of_evidence():
+    """Two rooms have no interval, however many scenes were captured in them."""
+    rooms = ["hall"] * (SCENES - 1) + ["attic"]
+    found = swap.swap(readings(0, 0.02, None), readings(100, 0.05, 0.11), [GROUND] * SCENES, rooms)[
+        "ndp_rate"
+    ]
+    assert found.image is not None and found.image[1:] == (None, None)
+    first, second = ([holes(seed + scene) for scene in range(SCENES)] for seed in (0, 50))
+    row = table.table(first, second, [GROUND] * SCENES, rooms)[0]
+    assert np.isnan(row.low) and np.isnan(row.high)
+
+
+@pytest.mark.parametrize("count", [3, 6])
+def test_a_map_of_few_scenes_is_rarely_clear(count):
+    """Of cells of noise one in 370 is beyond three deviations, however few scenes there are."""
+    first = [pair_of(scene, 1.0, 0.02) for scene in range(count)]
+    second = [pair_of(50 + scene, 1.0, 0.02) for scene in range(count)]
+    found = maps_of.maps(first, second, [GROUND] * count, ROOMS[:count])
+    far = np.concatenate([one.deviations[np.isfinite(one.deviations)] for one in found])
+    assert far.size > 1000 and np.mean(np.abs(far) > 3) < 0.01
+    of_two = maps_of.maps(first[:2], second[:2], [GROUND] * 2, ROOMS[:2])
+    assert all(np.isnan(one.deviations).all() for one in of_two)
+
+
+def test_a_map_holds_the_scenes_that_have_infrared():
+    pairs = [pair_of(scene, 1.0, 0.02) for scene in range(3)]
+    bare = dataclasses.replace(pairs[2], left=None, right=None)
+    found = maps_of.maps([*pairs[:2], bare], [*pairs[:2], bare], [GROUND] * 3, ROOMS[:3])
+    assert {one.quantity for one in found} == {"infrared", "error", "holes"}
+
+
+def test_where_nothing_is_scored_there_are_no_errors():
+    """The left band is not scored; where the reference lies in it alone, nothing is."""
+    x = np.indices(DISPARITY.shape)[1]
+    left = made(np.where(x < 20, DISPARITY, np.nan).astype(np.float32))
+    one = readings(0, 0.02, None)[:1]
+    found = swap.swap(one, one, [left], ["hall"])
+    assert found["nmad_px"].base is None and found["ndp_rate"].base is not None

@@ -24,7 +24,7 @@ def test_depth_is_that_of_the_light(
     """Of 8 and of 16 bits alike: disparity without a bias, a box's to 0.1 px; some is not found."""
     case = Case(number=0, kind="single" if settings else "null", settings=settings, seed=4)
     shoot(light_set, case, tmp_path / "out", frames=2)
-    measure(tmp_path / "out", case, camera)
+    measure(tmp_path / "out", camera)
     for scene in capture.open_set(tmp_path / "out").scenes:
         for number in range(2):
             depth_m = scene.frame(number).depth_m

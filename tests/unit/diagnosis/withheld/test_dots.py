@@ -14,6 +14,18 @@ from diagnosis.withheld.draws import Draws
 from diagnosis.withheld.light import Light, View
 from diagnosis.withheld.nominal import Nominal
 
+EVEN = 0.3  # Share of `grounded`'s light that is in no dot.
+
+
+@pytest.fixture
+def grounded(light: Light) -> View:
+    """The left view with dots of 0.7 of the light over an even 0.3."""
+    on = dots.lit(light.left)
+    whole = dots.pattern(light.left)
+    over = np.where(on, whole - whole[on].min(), 0.0)
+    pattern = EVEN + (1.0 - EVEN) * over / over[on].mean()
+    return dataclasses.replace(light.left, laser_e=light.left.even_e * pattern)
+
 
 def _rng() -> np.random.Generator:
     return Draws(seed=2).of_device("projector/dropped")
@@ -41,28 +53,54 @@ def _inside(directions: np.ndarray) -> np.ndarray:
     return (np.abs(directions[:, 0]) < 0.42) & (np.abs(directions[:, 1]) < 0.27)
 
 
-def test_a_share_of_the_dots_goes_with_its_light(light: Light, found: Dots) -> None:
-    shares = []
+def test_the_ground_is_the_light_between_the_dots(grounded: View) -> None:
+    """Also under the grain of a renderer; no ground is where no light is."""
+    on = dots.lit(grounded)
+    assert dots.ground(grounded)[on].max() == pytest.approx(EVEN, abs=0.03)
+    grain = 1.0 + 0.05 * np.random.default_rng(0).standard_normal(on.shape)
+    grainy = dataclasses.replace(grounded, laser_e=grounded.laser_e * grain)
+    assert dots.ground(grainy)[on].max() == pytest.approx(EVEN, abs=0.03)
+    assert not dots.ground(grounded)[~on].any()
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_a_share_of_the_dots_goes_with_its_light(share: float, grounded: View, found: Dots) -> None:
+    """Law: the dots' light falls to 1 - share; what is in no dot stays."""
+    on = dots.lit(grounded)
+    before, after = dots.pattern(grounded)[on], []
     for seed in range(20):
         rng = Draws(seed=seed).of_device("projector/dropped")
-        view = dots.dropped(light.left, found, 0.4, rng)
-        shares.append(1.0 - view.laser_e.sum() / light.left.laser_e.sum())
-    assert np.mean(shares) == pytest.approx(0.4, abs=0.03)
-    assert dots.dropped(light.left, found, 0.0, _rng()) is light.left
+        after.append(dots.pattern(dots.dropped(grounded, found, share, rng))[on])
+    assert np.mean(after) / before.mean() == pytest.approx(1.0 - (1.0 - EVEN) * share, abs=0.02)
+    assert np.min(after) == pytest.approx(before.min())
+    assert dots.dropped(grounded, found, 0.0, _rng()) is grounded
+
+
+def test_shifted_dots_leave_the_ground(grounded: View, camera: Nominal, found: Dots) -> None:
+    on = dots.lit(grounded)
+    before, after = dots.pattern(grounded)[on], []
+    for seed in range(10):
+        rng = Draws(seed=seed).of_device("projector/shifted")
+        after.append(dots.pattern(dots.shifted(grounded, found, 8.0, camera.fx_px, rng))[on])
+    assert np.min(after) > 0.99 * before.min()
+    assert np.mean(after) == pytest.approx(before.mean(), abs=0.02)
 
 
 def test_the_same_dots_are_dark_in_both_imagers(light: Light, found: Dots) -> None:
     """Expected behaviour: a direction dark in one view is dark in the other."""
-    views = [dots.dropped(view, found, 0.5, _rng()) for view in (light.left, light.right)]
     samples = []
-    for view in views:
+    for whole in (light.left, light.right):
+        view = dots.dropped(whole, found, 0.5, _rng())
         on = dots.lit(view)
         tree = KDTree(np.stack([view.px[on], view.py[on]], 1))
         away, at = tree.query(found.tangents)
-        samples.append(np.where(away < 0.005, dots.pattern(view)[on][at], np.nan))
+        over = dots.pattern(view) - dots.ground(whole)
+        samples.append(np.where(away < 0.005, over[on][at], np.nan))
     both = np.isfinite(samples[0]) & np.isfinite(samples[1])
     assert both.sum() > 50
-    assert np.mean((samples[0] == 0)[both] == (samples[1] == 0)[both]) > 0.97
+    dark = [sample[both] < 1e-9 for sample in samples]
+    assert 0.3 < dark[0].mean() < 0.7
+    assert np.mean(dark[0] == dark[1]) > 0.97
 
 
 def test_shifts_have_the_pages_deviation(light: Light, camera: Nominal, found: Dots) -> None:

@@ -142,8 +142,10 @@ def test_electronics_and_codes(real: Nominal) -> None:
     assert _into(image, real, gamma=2.0).left.mean() == pytest.approx(lifted, abs=1.0)
     assert _into(image, real, smoothing=1.0).left.std() < 0.4 * image.std()
     vignetted = _into(image, real, vignetting=4.0).left
-    law = (1.0 + (74.5**2 + 49.5**2) / 120.0**2) ** -2
-    assert vignetted[:5, :5].mean() - 10.0 == pytest.approx(60.0 * law, rel=0.1)
+    across, down = real.tangents()
+    law = (1.0 + across**2 + down**2) ** -2
+    assert vignetted.mean() - 10.0 == pytest.approx(60.0 * law.mean(), rel=0.04)
+    assert vignetted[:5, :5].mean() - 10.0 == pytest.approx(60.0 * law[0, 0], rel=0.25)
 
 
 def test_effects_outside_the_table(real: Nominal) -> None:
@@ -170,14 +172,6 @@ def test_effects_outside_the_table(real: Nominal) -> None:
     line[:, 20] = 250
     blurred, _ = of(line, astigmatism=2.0)
     assert blurred[50, 20] < -20 < 5 < blurred[50, 18:23].max()
-
-
-def test_decimation_makes_blocks(real: Nominal) -> None:
-    out = _into(_flat(real), real, decimation=3).left
-    assert (
-        out[:99, :150].reshape(33, 3, 50, 3) == out[:99:3, None, ::3, None].reshape(33, 1, 50, 1)
-    ).all()
-    assert out.shape == SHAPE
 
 
 def test_grain_is_of_dots_alone(real: Nominal) -> None:

@@ -11,22 +11,22 @@ import pytest
 from diagnosis.withheld import limits
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.errors import WithheldError
-from diagnosis.withheld.nominal import Nominal
 
 
 def test_a_limit_is_to_the_side_that_is_found_later(
-    camera: Nominal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Effects unknown here have none; what is never found is infinitely far."""
     told = {
-        "gamma": [0.9, 1.3],
-        "veil": [None, None],
-        "sunlight": [None, 2],
-        "edge_jump": [4, None],
-        "pixel_locking": [-0.0005, 0.0005],  # Its page begins at 0.02.
+        "gamma": {"base": 1, "below": 0.9, "above": 1.3},
+        "veil": {"base": 0, "below": None, "above": None},
+        "sunlight": {"base": 0, "below": None, "above": 2},
+        "edge_jump": {"base": 1024, "below": 4, "above": None},
+        # Its page begins at 0.02.
+        "pixel_locking": {"base": 0, "below": -0.0005, "above": 0.0005},
     }
     _told(told, tmp_path, monkeypatch)
-    found = limits.read(camera)
+    found = limits.read()
     assert found.departures == {
         "gamma": pytest.approx(0.3),
         "veil": float("inf"),
@@ -36,23 +36,29 @@ def test_a_limit_is_to_the_side_that_is_found_later(
     assert found.choices == {}
 
 
-def test_choices_are_those_that_are_found(
-    camera: Nominal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_choices_are_those_that_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Words have other numbers on an effect's page: any one stands for all."""
     told = {
-        "search_range": {"found": [16, 48, 200]},
+        "smoothing_mean": {"found": [5, 9, 200]},
         "hole_filling": {"found": ["left"]},
         "median": {"found": []},
     }
     _told(told, tmp_path, monkeypatch)
-    found = limits.read(camera)
+    found = limits.read()
     assert found.departures == {}
-    assert found.choices == {"search_range": (16, 48), "hole_filling": (1, 2, 3), "median": ()}
+    assert found.choices == {"smoothing_mean": (5, 9), "hole_filling": (1, 2, 3), "median": ()}
 
 
-def test_the_shipped_file_knows_the_table(camera: Nominal) -> None:
-    found = limits.read(camera)
+def test_a_limit_is_a_departure_from_the_camera_that_it_was_made_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of another camera with more blur of its own it is the same departure."""
+    _told({"lens_blur": {"base": 0.6, "below": 0.5, "above": 0.72}}, tmp_path, monkeypatch)
+    assert limits.read().departures == {"lens_blur": pytest.approx(0.12)}
+
+
+def test_the_shipped_file_knows_the_table() -> None:
+    found = limits.read()
     assert {"gamma", "lens_blur", "read_noise"} <= found.departures.keys() <= ROWS.keys()
     assert all(departure > 0 for departure in found.departures.values())
 
@@ -61,24 +67,24 @@ def test_the_shipped_file_knows_the_table(camera: Nominal) -> None:
     "told, words",
     [
         ([1], "detection limits must be a table; got list"),
-        ({"veil": ["a", None]}, "limit of veil must be numbers"),
-        ({"veil": [0.1]}, "limit of veil must have two sides"),
+        ({"veil": {"base": 0, "below": "a", "above": None}}, "limit of veil must be numbers"),
+        ({"veil": {"below": 0.1}}, "limit of veil must have a base and two sides"),
         ({"median": [0, 5]}, "limit of median must be a list of choices"),
         ({"median": {"found": 5}}, "limit of median must be a list of choices"),
     ],
 )
 def test_damaged_limits(
-    told: Any, words: str, camera: Nominal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    told: Any, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _told(told, tmp_path, monkeypatch)
     with pytest.raises(WithheldError, match=words):
-        limits.read(camera)
+        limits.read()
 
 
-def test_missing_limits(camera: Nominal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(limits, "FILE", tmp_path / "none.json")
     with pytest.raises(WithheldError, match=r"detection limits must be .* diagnosis\.detection"):
-        limits.read(camera)
+        limits.read()
 
 
 def _told(told: Any, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

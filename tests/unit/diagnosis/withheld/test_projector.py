@@ -61,9 +61,9 @@ def test_defocus_is_the_angle_of_the_page(one_dot: View, camera: Nominal) -> Non
     """Expected behaviour: sigma = k |1/z - 1/focus|, nothing at the focus."""
     for depth_m, focus_m in ((0.4, 1.0), (0.4, 2.0), (3.0, 0.5)):
         near = dataclasses.replace(one_dot, depth_m=np.full(camera.shape, depth_m))
-        values = {"dot_defocus": 6.0, "dot_defocus.focus_m": focus_m}
+        focused = dataclasses.replace(camera, projector_focus_m=focus_m)
         sigma_px = 0.12 * 6.0 * abs(1 / depth_m - 1 / focus_m)
-        variance = _variance_px2(_throw(near, camera, **values))
+        variance = _variance_px2(_throw(near, focused, dot_defocus=6.0))
         assert variance == pytest.approx(sigma_px**2, rel=0.03)
     sharp = _throw(one_dot, camera, dot_defocus=6.0)  # Focused at 1 m where nothing is said.
     np.testing.assert_array_equal(sharp.laser_e, one_dot.laser_e)

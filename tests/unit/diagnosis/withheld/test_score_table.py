@@ -20,7 +20,7 @@ def test_text_of_scores(effect: Make, say: Make, answer: Make, camera: Nominal) 
     wrong = say("effects", effect("dot_blur", 2.0), cosine=None)
     cases = [answer(blur, right, number=i, scenes=i % 2) for i in range(5)]
     cases += [answer(blur, wrong, number=5, scenes=1), answer({}, say("no gap"), number=6)]
-    found = score(cases, camera, tier=1, left_out=[answer(blur, right, number=0)])
+    found = score(cases, camera, families={}, tier=1, left_out=[answer(blur, right, number=0)])
     written = text(json.loads(json.dumps(found)))
     lines = written.splitlines()
     assert lines[0] == "Withheld effects, tier 1: 1 null, 6 single, 0 pair, 1 unknown; 16 s"
@@ -48,18 +48,18 @@ def test_text_is_plain_and_narrow(effect: Make, say: Make, answer: Make, camera:
     said = say("effects", *(effect(name, 1.0, *rivals) for name in rivals))
     cases = [answer({"lens_blur": 0.8}, said, number=i) for i in range(2)]
     many = [answer({"lens_blur": 0.8}, say("effects", effect(name))) for name in rivals]
-    written = text(score([*cases, *many], camera, tier=2))
+    written = text(score([*cases, *many], camera, families={}, tier=2))
     assert written.isascii()
     assert max(map(len, written.splitlines())) <= 120
     assert all(line == line.rstrip() for line in written.splitlines())
 
 
 def test_text_of_nothing(camera: Nominal) -> None:
-    written = text(score([], camera, tier=4))
+    written = text(score([], camera, families={}, tier=4))
     assert written.startswith("Withheld effects, tier 4: 0 null, 0 single, 0 pair, 0 unknown; 0 s")
     assert written.endswith("\n\nFailures, 0:\nnone\n")
     assert "Answers by truth" not in written and "matcher" not in written
-    noticed = text({**score([], camera, tier=2), "matcher_noticed": 0.95})
+    noticed = text({**score([], camera, families={}, tier=2), "matcher_noticed": 0.95})
     assert (
         "\n\nscored is the image alone; that the matcher is another was noticed: 0.95\n" in noticed
     )

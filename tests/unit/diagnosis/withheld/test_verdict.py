@@ -40,12 +40,21 @@ def test_stand_ins_are_not_named(effect: Make, say: Make) -> None:
 
 def test_headline_is_that_of_the_first_effects_arm(effect: Make, say: Make) -> None:
     said = say("effects", effect("median", 3, arm="depth"), closed=20.0)
-    assert verdict.from_table(said).headline_pct == 20.0
+    assert verdict.from_table(said).headline_pct is None
     said["howfar"]["features of the depth"] = {"closed_pct": None}
     assert verdict.from_table(said).headline_pct is None
     said["howfar"]["features of the depth"] = {"closed_pct": 70.0}
     assert verdict.from_table(said).headline_pct == 70.0
     assert verdict.from_table(say("no gap", metric="ndp_brier")).headline_pct is None
+
+
+def test_nothing_is_closed_by_what_an_arm_does_not_name(effect: Make, say: Make) -> None:
+    """What a filter of the other arm closes is not the image's."""
+    said = say("effects", effect("median", 3, arm="depth"), closed=20.0)
+    said["left"]["image"] = said["left"]["depth"]
+    said["howfar"]["features of the depth"] = {"closed_pct": 88.0}
+    read = verdict.from_table(said)
+    assert read.headline_pct == 88.0 and read.of_arm("image").headline_pct is None
 
 
 def test_one_arm_is_taken_alone(effect: Make, say: Make) -> None:

@@ -1,0 +1,80 @@
+"""What separates a simulated D415 from the real one: where, which effects, how far.
+
+Diagnoses one scene of each room of `d415-faro`, from the preset in all rooms, and from sensors that
+`benchmarks/calibrate_faro.py --out DIR` fitted, each in the rooms that it never saw. Reports are
+kept in OUT, as is all that is simulated: a run that was stopped goes on where it was.
+
+Usage:
+    STARLING_CAPTURES=... python benchmarks/diagnose_faro.py --out OUT [--residual]
+    STARLING_CAPTURES=... python benchmarks/diagnose_faro.py --out OUT --sensor FILE \
+        --rooms 4426 5074 k 6422 g
+    STARLING_CAPTURES=... python benchmarks/diagnose_faro.py --out OUT --set d415-table
+    STARLING_CAPTURES=... python benchmarks/diagnose_faro.py --out OUT --set d415-table --off
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import time
+from pathlib import Path
+
+from diagnosis.diagnose_captures import as_text, diagnose_captures
+from sim import asked_sensor, capture, progress
+
+
+def main() -> None:
+    """Diagnose and print the answer."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--set", default="d415-faro")
+    parser.add_argument("--sensor", default="d415")
+    parser.add_argument("--rooms", nargs="*", default=[], help="rooms to ask; all if none")
+    parser.add_argument("--off", action="store_true", help="the pairs with the projector off")
+    parser.add_argument("--residual", action="store_true")
+    asked = parser.parse_args()
+    begun = time.perf_counter()
+    whole = Path(os.environ["STARLING_CAPTURES"]) / asked.set
+    part = asked.out / "captures"
+    if not part.exists():
+        chosen(whole, part, asked.rooms, off=asked.off)
+    emitter = "off" if asked.off else None
+    sensor = asked_sensor.load(asked.sensor, captures=str(part), emitter=emitter)
+    with progress.on_stderr() as tell:
+        told = diagnose_captures(
+            str(part),
+            sensor,
+            asked.out / "report",
+            cache=asked.out / "cache",
+            residual=asked.residual,
+            force=True,
+            tell=tell,
+        )
+    print(as_text(told))
+    print(f"{(time.perf_counter() - begun) / 60:.1f} minutes")
+
+
+def chosen(whole: Path, part: Path, rooms: list[str], *, off: bool) -> None:
+    """Write a capture set that has the first scene of each room."""
+    first = {}
+    for scene in capture.open_set(whole).scenes:
+        if not rooms or scene.room in rooms:
+            first.setdefault(scene.room, scene)
+    for scene in first.values():
+        shutil.copytree(scene.path, part / scene.name)
+        for frame in (part / scene.name).glob("*/ir_left.png"):
+            if off:
+                dark(frame.parent)
+    shutil.copy(whole / "capture.toml", part)
+
+
+def dark(frame: Path) -> None:
+    """Put the pair without projector in the other's place; depth is not of it."""
+    for side in ("left", "right"):
+        (frame / f"ir_{side}_off.png").replace(frame / f"ir_{side}.png")
+    (frame / "depth.png").unlink()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,46 @@
+"""Scenes of one room are no independent evidence: rooms are what is drawn anew."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+FEWEST = 3  # Rooms below which nothing is said of how sure a mean is.
+
+
+def means(values: NDArray[np.float64], rooms: Sequence[str]) -> NDArray[np.float64]:
+    """Mean of each room's scenes.
+
+    Args:
+        values: (scenes, ...); NaN where not known.
+        rooms: that of each scene.
+
+    Returns:
+        (rooms, ...), rooms in the order they come in; NaN where nothing is known.
+    """
+    order = list(dict.fromkeys(rooms))
+    number = np.array([order.index(room) for room in rooms])
+    found = []
+    for room in range(len(order)):
+        own = values[number == room]
+        known = np.isfinite(own)
+        count = known.sum(axis=0)
+        total = np.where(known, own, 0.0).sum(axis=0)
+        found.append(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+    return np.stack(found)
+
+
+def draws(rooms: Sequence[str], count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """How often each scene comes (count, scenes), as many rooms as there are being drawn anew.
+
+    Args:
+        rooms: that of each scene.
+        count: of draws.
+        rng: draws.
+    """
+    order = list(dict.fromkeys(rooms))
+    number = np.array([order.index(room) for room in rooms])
+    times = rng.multinomial(len(order), np.full(len(order), 1 / len(order)), size=count)
+    return times[:, number]
