@@ -35,7 +35,7 @@ def write(out: Path, sensor: Sensor) -> None:
     Raises:
         InputError: if the folder cannot be written.
     """
-    told = {**nominal(sensor), "ambient_w_m2": 0.0, "has": _has(sensor)}
+    told = {**nominal(sensor), "ambient_w_m2": 0.0, "ambient_gradient": 0.0, "has": _has(sensor)}
     with OutputFolder(out) as folder:
         folder.write(NOMINAL, json.dumps(told, indent=1).encode())
         folder.write(SENSOR, sensors.dumps(sensor).encode())

@@ -46,7 +46,7 @@ def scene(captured: CapturedScene, sensor: Sensor) -> tuple[Scene, Estimates]:
     if believed is not None:
         return believed, ()
     truth_m = captured.truth_m()
-    if truth_m is None:
+    if truth_m is None or not np.isfinite(truth_m).any():
         rule = "must have a scene.toml or reference depth (truth.png)"
         raise refuse(f"scene {captured.name}", rule, "neither", "Leave it out, or add one.")
     disparity_px = captured.info.disparity_px(truth_m)

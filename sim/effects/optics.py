@@ -59,7 +59,7 @@ CORNER_BLUR = Effect(
             "imager.lens.corner_blur_px", "sigma_px", unit="px", neutral=0.0, low=0.2, high=2.0
         ),
     ),
-    imitates="Coma, astigmatism and field curvature, which grow off the axis.",
+    imitates="Coma and field curvature, which grow off the axis.",
     law="The spot's variance grows by sigma_px^2 (r / r_h)^2, r_h half the diagonal.",
     shows=(
         "Infrared: sharp in the middle, soft towards the corners, at every depth and in all light; "

@@ -51,7 +51,8 @@ DROPPED = Effect(
         ),
     ),
     imitates="Emitters that died, dirt on the projector's window.",
-    law="Every dot is dark with probability share; its light is lost, the others stay.",
+    law="Every dot is dark with probability share; its light is lost, the others and what lies "
+    "between stay.",
     shows=(
         "Dots missing at the same places of the projector's frame, in both imagers. 0.4: noise "
         "0.31 px and bad pixels 9.7 % instead of 2.9 where windows hold no dot; holes 7.5 %."

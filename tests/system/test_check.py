@@ -28,10 +28,12 @@ from diagnosis import (
 )
 from diagnosis.which.candidates import candidates as all_candidates
 from diagnosis.withheld import __main__ as program
-from diagnosis.withheld import catalogue, check, limits, power, programs, seal, tier
+from diagnosis.withheld import catalogue, limits, power, programs, seal, tier
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.check import Check
 from diagnosis.withheld.errors import WithheldError
+from diagnosis.withheld.real_pairs import RealPairs
+from diagnosis.withheld.rendered import Rendered
 from sim import capture, sensors
 
 TRIED = ("gamma", "vignetting", "read_noise", "black_level", "median", "pixel_locking")
@@ -57,6 +59,8 @@ IN_PROCESS = {
     "diagnosis.batch": batch.main,
 }
 
+_NEUTRAL = {"gamma": 1.0, "vignetting": 0.0, "read_noise": 5.0, "black_level": 4.0}
+
 
 @pytest.fixture(scope="module")
 def patched() -> Any:
@@ -74,7 +78,10 @@ def patched() -> Any:
         lambda *asked: [one for one in all_candidates(*asked) if one.name in TRIED],
     )
     shown = {*TRIED, *(n for n, row in catalogue.ROWS.items() if row.kind == "outside")}
-    patch.setattr(check, "NOT_TRIED", tuple({*catalogue.ROWS} - shown))
+    patch.setattr(Rendered, "effects", frozenset(shown))
+    told = RealPairs.effects.fget
+    assert told is not None
+    patch.setattr(RealPairs, "effects", property(lambda self: told(self) & shown))
 
     def run(module: str, arguments: Sequence[str]) -> None:
         assert IN_PROCESS[module](arguments) == 0
@@ -88,7 +95,11 @@ def patched() -> Any:
 def done(patched: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Check, list[Case]]:
     folder = tmp_path_factory.mktemp("check")
     told = folder / "limits.json"
-    told.write_text(json.dumps({name: [None, value] for name, value in _values().items()}))
+    found = {
+        name: {"base": _NEUTRAL[name], "below": None, "above": value}
+        for name, value in _values().items()
+    }
+    told.write_text(json.dumps(found))
     patched.setattr(limits, "FILE", told)
     one = Check(out=folder / "run", tier=SMALL, blender=Path("none"), jobs=1)
     cases = one.prepared()
@@ -98,8 +109,7 @@ def done(patched: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Check,
 
 def _values() -> dict[str, float]:
     """Strengths that are surely found, as values."""
-    neutral = {"gamma": 1.0, "vignetting": 0.0, "read_noise": 5.0, "black_level": 4.0}
-    return {name: neutral[name] + STRONG[name] for name in STRONG}
+    return {name: _NEUTRAL[name] + STRONG[name] for name in STRONG}
 
 
 def test_most_is_named_and_nothing_where_nothing_is(done):
@@ -278,8 +288,8 @@ def test_limits_are_told_by_the_diagnosis_itself(done, patched, capsys, tmp_path
     ]
     assert detection.main([str(tmp_path / "null"), *flags]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["vignetting"][0] is None and 0 < told["vignetting"][1] < 3
-    assert told["gamma"][0] < 1 < told["gamma"][1]
+    assert told["vignetting"]["below"] is None and 0 < told["vignetting"]["above"] < 3
+    assert told["gamma"]["below"] < told["gamma"]["base"] < told["gamma"]["above"]
     assert detection.main([str(tmp_path / "none"), *flags]) == 1
 
 

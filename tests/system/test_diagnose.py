@@ -21,6 +21,7 @@ import pytest
 import starling
 from diagnosis import light_sets, named, own_depth, reading, subject
 from diagnosis.tell_apart import MENU, tell_apart
+from diagnosis.which import bench, null
 from diagnosis.which.candidates import Arm
 from diagnosis.which.candidates import candidates as all_candidates
 from diagnosis.withheld import case, shoot
@@ -300,3 +301,82 @@ def test_a_capture_that_tells_is_found(place):
     same = tell_apart({"veil": 0.05}, {"veil": 0.05}, one, Arm.IMAGE, menu=menu[:1])
     assert same[0].deviations == pytest.approx(0) and not same[0].enough
     assert tell_apart({"veil": 0.05}, {"exposure": -1.0}, one, Arm.IMAGE, menu=menu[:1]) == []
+
+
+def test_what_a_capture_switches_off_no_rival_switches_on(place):
+    """Two powers of the projector look the same with it off, and with a cap on."""
+    one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
+    dark = [each for each in MENU if "projector off" in each.text or "lens cap" in each.text]
+    rivals = ({"projector_power": 0.1}, {"projector_power": 0.2})
+    told = tell_apart(*rivals, one, Arm.IMAGE, menu=dark)
+    assert len(told) == 2 and all(each.deviations == 0 for each in told)
+    lit = [each for each in MENU if "lamp" in each.text]
+    assert tell_apart(*rivals, one, Arm.IMAGE, menu=lit)[0].deviations > 1
+
+
+def test_of_repeats_as_many_are_taken_as_there_are_of_all(place, tmp_path):
+    fewer = shutil.copytree(place / "null", tmp_path / "fewer")
+    (fewer / "clutter-1" / "1" / "ir_right.png").unlink()
+    two, one = (capture.open_set(of).scenes[0] for of in (place / "null", fewer))
+    first, second = reading.alike(*(reading.read(of, sensor()) for of in (two, one)))
+    assert first.repeats == second.repeats == 1
+    assert reading.read(two, sensor()).repeats == 2
+    assert subject.subject(one, sensor()).frames == 1
+
+
+def test_images_of_more_bits_are_matched_as_such(place):
+    scene = capture.open_set(place / "null").scenes[0]
+    seen = reading.read(scene, sensor())
+    deep = [image.astype(np.uint16) << 4 for image in (seen.left, seen.right)]
+    found = reading.matched(deep[0][:1], deep[1][:1], sensor())
+    both = np.isfinite(found) & np.isfinite(seen.ours_px)
+    assert both.mean() > 0.6 and np.median(np.abs(found - seen.ours_px)[both]) < 0.1
+
+
+def test_captures_that_cannot_be_asked_are_refused(place, tmp_path, capsys):
+    bare = shutil.copytree(place / "null", tmp_path / "bare")
+    for path in bare.rglob("ir_right.png"):
+        path.unlink()
+    flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
+    assert starling.main(["diagnose", str(bare), *flags]) == 1
+    assert "must hold infrared pairs or depth; got neither" in capsys.readouterr().err
+    unknown = shutil.copytree(place / "null", tmp_path / "unknown")
+    for name in ("scene.toml", "truth.png"):
+        for path in unknown.rglob(name):
+            path.unlink()
+    assert starling.main(["diagnose", str(unknown), *flags]) == 1
+    assert "must have a scene.toml or reference depth" in capsys.readouterr().err
+    blank = shutil.copytree(place / "null", tmp_path / "blank")
+    for path in blank.rglob("truth.png"):
+        cv2.imwrite(str(path), np.zeros_like(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)))
+    assert starling.main(["diagnose", str(blank), *flags]) == 1
+    assert "must have reference depth; got none" in capsys.readouterr().err
+    for path in blank.rglob("scene.toml"):
+        path.unlink()
+    assert starling.main(["diagnose", str(blank), *flags]) == 1
+    assert "must have a scene.toml or reference depth" in capsys.readouterr().err
+    flags[1] = "kinect-v1"
+    assert starling.main(["diagnose", str(place / "null"), *flags]) == 1
+    assert "sensor must be a stereo camera's; got structured_light" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_reflectance_that_is_estimated_is_said_to_take_up_light(place, diagnosed, tmp_path):
+    """What another estimate would change no effect is named for: half the light is no gap."""
+    guessed = shutil.copytree(place / "null", tmp_path / "guessed")
+    for path in guessed.rglob("scene.toml"):
+        path.unlink()
+    told = diagnosed(guessed, "--families", "veil")
+    assert any("Reflectance was estimated" in limit for limit in told["limits"])
+    assert any("Only effects of these families were tried: veil" in one for one in told["limits"])
+    scenes = [subject.subject(one, sensor()) for one in capture.open_set(guessed).scenes[:2]]
+    assert all(len(one.estimates) == 3 for one in scenes)
+    table = bench.bench(scenes, Arm.IMAGE)
+    darker, shaded, detailed = table.otherwise()
+    base = null.base(table, seeds=2)
+    level = table.names.index("level.all") if "level.all" in table.names else None
+    assert level is None or (darker[:, level] < -0.2).all()
+    for change in (darker, shaded, detailed):
+        assert (base.floor >= np.abs(np.nan_to_num(change)) - 1e-12).all()
+    known = [subject.subject(one, sensor()) for one in capture.open_set(place / "null").scenes[:2]]
+    assert bench.bench(known, Arm.IMAGE).otherwise() == []

@@ -115,6 +115,27 @@ def test_strength_is_found(value):
     assert wrong.total < 0.2 * found.total
 
 
+def test_the_interval_of_a_choice_holds_what_cannot_be_told_apart():
+    """Nothing lies between choices, and the base that is listed first is none of them."""
+    row = effects.named("hole_filling")
+    words = ("off", "left", "farthest", "nearest")
+    one = Candidate(name=row.name, effect=row, arm=Arm.DEPTH, base="off", nodes=words[1:])
+    change = np.zeros((4, SCENES, FEATURES))
+    change[1:] = 2 * np.random.default_rng(3).standard_normal((3, 1, FEATURES))
+    change[2] = change[1]
+    chosen = Signature(one, words, change)
+    for word, ends in (("left", ("left", "farthest")), ("nearest", ("nearest", "nearest"))):
+        gap = noise(9) + chosen.at(words.index(word))
+        found = fit(chosen, BASE.likelihood(gap, ONES), HELD)
+        assert found.interval(ROOMS, level=0.9, seed=0) == ends
+    window = effects.named("census_window")
+    numbers = dataclasses.replace(one, name=window.name, effect=window, base=7.0)
+    numbers = Signature(numbers, (7.0, 3.0, 5.0, 9.0), change)
+    gap = noise(9) + change[1]
+    found = fit(numbers, BASE.likelihood(gap, ONES), HELD)
+    assert found.interval(ROOMS, level=0.9, seed=0) == (3.0, 5.0)
+
+
 def test_no_effect_gains_from_noise():
     gains = null.gains(BASE, SIGNATURES, ONES, HELD)
     assert gains.shape == (SEEDS,) and (gains < null.LEAST_GAIN).all()

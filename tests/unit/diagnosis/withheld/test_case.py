@@ -216,3 +216,11 @@ def test_broken_seals(tmp_path: Path, camera: Nominal) -> None:
     (public / "truth.sha256").write_text("none")
     with pytest.raises(WithheldError, match="must have a truth and a fingerprint"):
         seal.verify(b"", hidden, public)
+
+
+def test_families_are_read_from_what_was_sealed() -> None:
+    told = b'{"a": {"family": "x", "twins": []}, "b": {"family": "y", "twins": ["a"]}}'
+    assert seal.families(told) == {"a": "x", "b": "y"}
+    for damaged in (b"", b"[1]", b'{"a": 1}', b'{"a": {}}'):
+        with pytest.raises(WithheldError, match="families must be a table of effects"):
+            seal.families(damaged)

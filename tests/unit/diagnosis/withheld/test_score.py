@@ -320,6 +320,17 @@ def test_laws_of_scores(
     assert score(cases, camera, families=FAMILIES, tier=1, left_out=left_out) == found
 
 
+def test_without_infrared_an_answer_is_not_asked_for_in_every_case(
+    effect: Make, say: Make, answer: Make, camera: Nominal
+) -> None:
+    said = [say("effects", effect("gain", 2.0)), say("no gap"), say("effects", effect("gain", 2.1))]
+    cases = [answer({"gain": 2.0}, one, number=n) for n, one in enumerate(said)]
+    found = score(cases, camera, families=FAMILIES, tier=1, infrared=False)["goals"]
+    assert set(found) == {"answered", "top1_of_answered", "false_alarm"}
+    assert found["answered"] == {"asked": ">= 0.60", "reached": True}
+    assert found["top1_of_answered"]["reached"] and found["false_alarm"]["reached"] is None
+
+
 def test_refused_scores(effect: Make, say: Make, answer: Make, camera: Nominal) -> None:
     null = answer({}, say("no gap"), number=7)
     with pytest.raises(WithheldError, match="case 7 must be a single to be left out; got null"):
