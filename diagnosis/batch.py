@@ -16,8 +16,10 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from diagnosis import crew, families, named, program
+from diagnosis.named import Named
 from diagnosis.reading import Reading, read
 from diagnosis.report import figures
 from diagnosis.scene_pairs import scene_pairs
@@ -30,6 +32,8 @@ from patterns.errors import refuse
 from sim import capture, effects, output, progress, record, sensors
 from sim.capture import CapturedScene, CaptureSet
 from sim.sensor import Sensor
+
+Kept = dict[tuple[Arm, str | None], tuple[Bench, Screen]]
 
 
 def diagnose(
@@ -64,45 +68,58 @@ def diagnose(
     if without is not None:
         folders = [folder for folder in folders if folder.name in without]
     todo = [folder for folder in folders if not (out / f"{folder.name}.json").exists()]
-    subjects: list[Subject] = []
     others = {} if against is None else {one.name: read(one, sensor) for one in against.scenes}
-    kept: dict[tuple[Arm, str | None], tuple[Bench, Screen]] = {}
+    subjects: list[Subject] = []
+    kept: Kept = {}
     for number, folder in enumerate(tell(todo, "capture sets")):
         begun = time.perf_counter()
         pairs = scene_pairs(capture.open_set(folder), against).pairs
         subjects = _subjects(folder.name, pairs, sensor, subjects, others)
         asked, locked = named.parted(subjects)
         left_out = None if without is None else without[folder.name]
-        screens = []
-        for arm in named.open_arms(subjects, asked):
-            known = kept.get((arm, left_out))
-            if known is None:
-                # What is matched again is another case's no longer.
-                place = None if arm is Arm.DEPTH else cache
-                tried = _families(left_out, twins=twins)
-                screen = named.screened(arm, asked, tried, cache=place)
-            else:
-                screen = (known[0].of(asked), known[1])
-            if arm is not Arm.DEPTH:
-                kept[arm, left_out] = screen
-            screens.append(screen)
+        tried = _families(left_out, twins=twins)
+        screens = [
+            _screened(arm, asked, left_out, tried, kept, cache)
+            for arm in named.open_arms(subjects, asked)
+        ]
         found = named.named(screens, locked)
-        told = {
-            "verdict": found.kind,
-            "effects": sorted(figures.effects(found.arms), key=lambda one: -one["gain"]),
-            "left": {
-                arm.bench.arm.value: {
-                    "before": arm.search.before,
-                    "after": arm.search.after,
-                    "below": arm.explained_below,
-                }
-                for arm in found.arms
-            },
-            "howfar": figures.howfar(found.howfar),
-            "baselines": _baselines(found.arms, seed=number),
-            "seconds": round(time.perf_counter() - begun, 3),
-        }
+        told = {**_told(found, seed=number), "seconds": round(time.perf_counter() - begun, 3)}
         output.write_file(out / f"{folder.name}.json", record.dumps(figures.plain(told)).encode())
+
+
+def _screened(
+    arm: Arm,
+    asked: Sequence[Subject],
+    left_out: str | None,
+    tried: Sequence[str] | None,
+    kept: Kept,
+    cache: Path | None,
+) -> tuple[Bench, Screen]:
+    """Screen an arm once for all capture sets; what is matched again is each one's own."""
+    if arm is Arm.DEPTH:
+        return named.screened(arm, asked, tried)
+    if (arm, left_out) not in kept:
+        kept[arm, left_out] = named.screened(arm, asked, tried, cache=cache)
+    table, screen = kept[arm, left_out]
+    return table.of(asked), screen
+
+
+def _told(found: Named, *, seed: int) -> dict[str, Any]:
+    """A verdict as its file has it."""
+    return {
+        "verdict": found.kind,
+        "effects": sorted(figures.effects(found.arms), key=lambda one: -one["gain"]),
+        "left": {
+            arm.bench.arm.value: {
+                "before": arm.search.before,
+                "after": arm.search.after,
+                "below": arm.explained_below,
+            }
+            for arm in found.arms
+        },
+        "howfar": figures.howfar(found.howfar),
+        "baselines": _baselines(found.arms, seed=seed),
+    }
 
 
 def _subjects(

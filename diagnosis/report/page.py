@@ -96,8 +96,8 @@ def _made(of: Diagnosis) -> str:
         + prose(
             f"An effect is accepted if it gains at least the threshold: what the best of all "
             f"effects gains by chance, of {null.SEEDS} simulated readings of the base the 95 % "
-            f"quantile, and no less than {number(null.LEAST_GAIN, '.0f')}. Another effect is not separable from it if the "
-            "threshold does not part their gains. A gap counts as explained if its size after is "
+            f"quantile, and no less than {number(null.LEAST_GAIN, '.0f')}. Another effect is not "
+            "separable from it if the threshold does not part their gains. A gap counts as explained if its size after is "
             f"below that of noise alone and {number(BEYOND_NOISE, '.2f')}, at most "
             f"{number(UNEXPLAINED, '.2f')}, plus {number(100 * OF_BEFORE[Arm.IMAGE], '.0f')} % of "
             f"its size before ({number(100 * OF_BEFORE[Arm.DEPTH], '.0f')} % in the half of "
