@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from diagnosis.ground import COVARIATES
 from diagnosis.which import null, search
 from diagnosis.which.bench import Bench
-from diagnosis.which.candidates import Arm, Candidate
+from diagnosis.which.candidates import Arm, Candidate, companions
 from diagnosis.which.fit import fit, folds
 from diagnosis.which.likelihood import Likelihood, weights
 from diagnosis.which.null import Base
@@ -123,6 +123,9 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
     )
     closer = [one for one in alone[:CLOSER] if one.total > _WORTH_IT * screen.threshold]
     worth_it = likelihood.size(likelihood.nothing) > screen.noise
+    explained = min(screen.noise + BEYOND_NOISE, UNEXPLAINED)
+    explained += OF_BEFORE[bench.arm] * likelihood.size(likelihood.nothing)
+    first = bench.subjects[0]
     found = search.search(
         bench,
         likelihood,
@@ -130,9 +133,9 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
         alone,
         screen.folds,
         threshold=screen.threshold,
+        explained_below=explained,
+        companions=lambda one: companions(one, first.sensor, first.scene),
     )
-    explained = min(screen.noise + BEYOND_NOISE, UNEXPLAINED)
-    explained += OF_BEFORE[bench.arm] * found.before
     if found.after > explained and bench.arm is not Arm.DEPTH:
         explained += _drawn_anew(bench, likelihood, found.settings)
     return Found(

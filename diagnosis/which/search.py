@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -123,6 +123,8 @@ def search(
     folds: Folds,
     *,
     threshold: float,
+    explained_below: float = 0.0,
+    companions: Callable[[Candidate], Sequence[Candidate]] = lambda _: (),
 ) -> Search:
     """Add effects while held-out scenes gain, simulating all accepted ones together.
 
@@ -133,6 +135,8 @@ def search(
         alone: all candidates fitted so, best first.
         folds: scenes held out.
         threshold: least gain of an effect.
+        explained_below: size of what is left up to which nothing else is looked for.
+        companions: of an accepted effect, its parameters beside the one that moved it.
     """
     signatures = [
         one
@@ -149,6 +153,10 @@ def search(
             break
         model = wider
     model = _thinned(bench, likelihood, model, threshold)
+    if likelihood.size(model.made()) > explained_below:
+        whole = _completed(model, bench, likelihood, companions, folds, threshold)
+        if whole is not model:
+            model = _thinned(bench, likelihood, whole, threshold)
     return Search(
         accepted=tuple(
             _accepted(number, model, bench, signatures, likelihood, folds, threshold)
@@ -234,6 +242,35 @@ def _wider(
     return None
 
 
+def _completed(
+    model: Model,
+    bench: Bench,
+    likelihood: Likelihood,
+    companions: Callable[[Candidate], Sequence[Candidate]],
+    folds: Folds,
+    threshold: float,
+) -> Model:
+    """Add other parameters of the accepted effects, which alone do nothing, where they gain enough.
+
+    Where a second projector stands shows only once it shines.
+    """
+    for term in model.terms:
+        for candidate in companions(term.candidate):
+            if candidate.name in model.settings:
+                continue
+            beside = signature(candidate, bench, coarse(candidate), given=model.settings)
+            if beside is None:
+                continue
+            best = fit(beside, likelihood, folds, given=model.made())
+            if best.total < threshold:
+                continue
+            wider = Model((*model.terms, beside), (*model.places, best.place), model.beside)
+            wider = _simulated(bench, likelihood, wider)
+            if wider is not None and _gain(likelihood, wider, model) >= threshold:
+                model = wider
+    return model
+
+
 def _both(
     one: Signature, other: Signature, likelihood: Likelihood, folds: Folds
 ) -> tuple[float, tuple[float, float]]:
@@ -280,7 +317,13 @@ def _gain(likelihood: Likelihood, model: Model, other: Model) -> float:
 
 
 def _thinned(bench: Bench, likelihood: Likelihood, model: Model, threshold: float) -> Model:
-    """Leave out effects that the others make up for."""
+    """Leave out effects that the others make up for, and those that were fitted to their base."""
+    acting = [
+        n for n, one in enumerate(model.terms) if model.settings[one.name] != one.candidate.base
+    ]
+    model = Model(
+        tuple(model.terms[n] for n in acting), tuple(model.places[n] for n in acting), model.beside
+    )
     for number in reversed(range(len(model.terms))):
         if len(model.terms) < 2:
             break

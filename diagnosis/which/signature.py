@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,16 +43,27 @@ class Signature:
         return float(round(value) if self.candidate.whole else value)
 
 
-def signature(candidate: Candidate, bench: Bench, nodes: Sequence[Value]) -> Signature | None:
+def signature(
+    candidate: Candidate,
+    bench: Bench,
+    nodes: Sequence[Value],
+    *,
+    given: Mapping[str, Value] | None = None,
+) -> Signature | None:
     """Simulate some of a candidate's nodes with the base's noise; None where none can be.
 
     Args:
         candidate: of the bench's arm.
         bench: the subjects.
         nodes: those of the candidate's that are simulated, in their order.
+        given: effects that act already, of whose doing nothing counts.
     """
-    made = [(node, bench.change({candidate.name: node})) for node in nodes]
-    known = [(node, change) for node, change in made if change is not None]
+    given = given or {}
+    already = bench.change(given)
+    if already is None:
+        return None
+    made = [(node, bench.change({**given, candidate.name: node})) for node in nodes]
+    known = [(node, change - already) for node, change in made if change is not None]
     if not known:
         return None
     values = [node for node, _ in known]

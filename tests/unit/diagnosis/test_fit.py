@@ -115,6 +115,51 @@ def test_strength_is_found(value):
     assert wrong.total < 0.2 * found.total
 
 
+class WithPartner(FakeBench):
+    """An effect whose second number moves what it makes, and alone nothing."""
+
+    def change(self, settings: dict[str, Any]) -> np.ndarray | None:
+        rest = {name: value for name, value in settings.items() if name != "second_projector.x"}
+        table = super().change(rest)
+        assert table is not None
+        if "second_projector" in settings and "second_projector.x" in settings:
+            moved = MADE["crosstalk"].change[-1]
+            table = table + settings["second_projector.x"] * moved * settings["second_projector"]
+        return table
+
+
+def test_what_is_fitted_to_its_base_is_not_named():
+    bench: Any = FakeBench()
+    likelihood = likelihood_of({"crosstalk": 0.4}, 7)
+    terms = (MADE["crosstalk"], MADE["veil"])
+    both = search.Model(terms, (1.67, 0.0), likelihood.nothing)
+    found = search._thinned(bench, likelihood, both, null.LEAST_GAIN)
+    assert list(found.settings) == ["crosstalk"]
+    np.testing.assert_array_equal(found.made(), both.made())
+
+
+def test_another_number_of_an_accepted_effect_is_found_where_more_is_left():
+    row = effects.named("second_projector")
+    first = dataclasses.replace(candidate("veil"), name=row.name, effect=row)
+    shines = dataclasses.replace(MADE["veil"], candidate=first)
+    bench = WithPartner({**MADE, row.name: shines})
+    second = Candidate(
+        name="second_projector.x", effect=row, arm=Arm.IMAGE, base=0.0, nodes=(-0.5, 0.25, 0.5)
+    )
+    gap = noise(7) + bench.change({"second_projector": 0.6, "second_projector.x": 0.4})
+    likelihood = BASE.likelihood(gap, ONES)
+    alone = [fit(one, likelihood, HELD) for one in (shines, MADE["read_noise"])]
+    how: Any = {"threshold": null.LEAST_GAIN, "companions": lambda of: [second]}
+    found = search.search(bench, likelihood, alone, alone, HELD, **how)  # type: ignore[arg-type]
+    assert list(found.settings) == ["second_projector", "second_projector.x"]
+    assert found.settings["second_projector.x"] == pytest.approx(0.4, abs=0.06)
+    assert found.after < 0.2 * found.before
+    enough = search.search(  # type: ignore[arg-type]
+        bench, likelihood, alone, alone, HELD, explained_below=1e6, **how
+    )
+    assert list(enough.settings) == ["second_projector"]
+
+
 def test_the_interval_of_a_choice_holds_what_cannot_be_told_apart():
     """Nothing lies between choices, and the base that is listed first is none of them."""
     row = effects.named("hole_filling")
