@@ -22,6 +22,9 @@ def load(
 ) -> Sensor:
     """Load a sensor, give it the geometry of its captures, then controls, then edits.
 
+    A sensor file of the captures' very camera, as calibration writes it, keeps its own geometry: it
+    knows better than what the captures say of themselves.
+
     A pattern's image file gets its full path, so that the sensor can be used from elsewhere: one
     in a sensor file from that file's folder, one in an edit from the working directory.
 
@@ -38,7 +41,9 @@ def load(
     """
     sensor = sensors.load(name)
     if capture.is_capture(captures):
-        sensor = capture.open_set(captures).info.geometry_into(sensor)
+        info = capture.open_set(captures).info
+        if not (name.endswith(".toml") and info.are_of(sensor)):
+            sensor = info.geometry_into(sensor)
     if device_preset is not None or emitter is not None:
         sensor = _controlled(sensor, device_preset, emitter, note)
     return sensors.anchored(sensor_edits.apply(sensor, edits), Path.cwd())

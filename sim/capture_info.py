@@ -22,6 +22,10 @@ FILE = "capture.toml"
 _Row = tuple[float, float, float, float]
 
 
+_SAME_LENGTH = 0.02  # Of focal lengths and baseline: more than calibrations of one unit differ by.
+_SAME_CENTRE = 0.005  # Of the principal point, over the image's width.
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CaptureInfo:
     """Geometry and origin of a capture set; the rectified pair shares one pinhole."""
@@ -70,6 +74,17 @@ class CaptureInfo:
     def disparity_px(self, depth_m: NDArray[np.floating]) -> NDArray[np.float32]:
         """Disparity [px] that depth [m] in the left view means, any shape; NaN where unknown."""
         return disparity_from_depth(depth_m, focal_px=self.fx_px, baseline_m=self.baseline_m)
+
+    def are_of(self, sensor: Sensor) -> bool:
+        """Whether a sensor may be the very camera: of one size, and of nearly one geometry."""
+        centre = max(abs(self.cx_px - sensor.cx_px), abs(self.cy_px - sensor.cy_px))
+        lengths = ("fx_px", "fy_px", "baseline_m")
+        ratios = [getattr(sensor, name) / getattr(self, name) for name in lengths]
+        return (
+            (sensor.width, sensor.height) == (self.width, self.height)
+            and centre <= _SAME_CENTRE * self.width
+            and all(abs(ratio - 1) <= _SAME_LENGTH for ratio in ratios)
+        )
 
     def geometry_into(self, sensor: Sensor) -> Sensor:
         """Give a sensor the image size, intrinsics and baseline of these captures."""

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from patterns.errors import InputError
-from sim import asked_sensor, sensor_edits, sensors
+from sim import asked_sensor, capture_info, sensor_edits, sensors
+from sim.capture_writer import info_of
 from sim.matcher import Block
 from sim.parts.emitter import Emitter
 from sim.sensor import Imager, Lens, Post, Projector, Sensor
@@ -209,6 +210,26 @@ def test_a_pattern_file_is_found_from_elsewhere(
     for name, kept in {"dots.png": str(tmp_path / "dots.png"), "d415": "d415"}.items():
         sensor = asked_sensor.load("d435", captures="wall", edits=[f"projector.pattern={name}"])
         assert sensor.projector.pattern == kept
+
+
+def test_a_file_of_the_captures_camera_keeps_its_geometry(tmp_path: Path) -> None:
+    """A preset, and a file of another camera, take that of the captures."""
+    preset = sensors.load("d415")
+    info = info_of(preset, source="test", licence="none", notes="")
+    (tmp_path / "capture.toml").write_text(capture_info.dumps(info))
+    (tmp_path / "room" / "0").mkdir(parents=True)
+    moved = {"calibrated": ("baseline_m", 0.0552), "other": ("cx_px", preset.cx_px + 20)}
+    for name, (field, value) in moved.items():
+        one = dataclasses.replace(preset, **{field: value})
+        (tmp_path / f"{name}.toml").write_text(sensors.dumps(one))
+        loaded = asked_sensor.load(str(tmp_path / f"{name}.toml"), captures=str(tmp_path))
+        expected = value if name == "calibrated" else getattr(preset, field)
+        assert getattr(loaded, field) == expected
+    small = dataclasses.replace(preset, width=640, height=360)
+    assert not info.are_of(small)
+    longer = dataclasses.replace(info, fx_px=info.fx_px * 1.03)
+    (tmp_path / "capture.toml").write_text(capture_info.dumps(longer))
+    assert asked_sensor.load("d415", captures=str(tmp_path)).fx_px == longer.fx_px
 
 
 def test_a_pattern_that_nothing_would_show_is_refused() -> None:
