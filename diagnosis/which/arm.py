@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from diagnosis.ground import COVARIATES
 from diagnosis.which import null, search
 from diagnosis.which.bench import Bench
-from diagnosis.which.candidates import Arm, Candidate, companions
+from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit, folds
 from diagnosis.which.likelihood import Likelihood, weights
 from diagnosis.which.null import Base
@@ -125,7 +125,6 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
     worth_it = likelihood.size(likelihood.nothing) > screen.noise
     explained = min(screen.noise + BEYOND_NOISE, UNEXPLAINED)
     explained += OF_BEFORE[bench.arm] * likelihood.size(likelihood.nothing)
-    first = bench.subjects[0]
     found = search.search(
         bench,
         likelihood,
@@ -134,7 +133,6 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
         screen.folds,
         threshold=screen.threshold,
         explained_below=explained,
-        companions=lambda one: companions(one, first.sensor, first.scene),
     )
     if found.after > explained and bench.arm is not Arm.DEPTH:
         explained += _drawn_anew(bench, likelihood, found.settings)

@@ -88,34 +88,6 @@ def candidates(sensor: Sensor, scene: Scene, arm: Arm) -> list[Candidate]:
     return found
 
 
-def companions(of: Candidate, sensor: Sensor, scene: Scene) -> list[Candidate]:
-    """The other numbers of a candidate's effect, which do little without it.
-
-    Args:
-        of: a candidate.
-        sensor: the base.
-        scene: likewise.
-    """
-    _, own = setting.parameter_of(of.name)
-    found = []
-    for number, parameter in enumerate(of.effect.parameters):
-        base = setting.value(parameter, sensor, scene)
-        if parameter.name == own.name or parameter.choices or base is None:
-            continue
-        whole = setting.whole(parameter, sensor)
-        found.append(
-            Candidate(
-                name=f"{of.effect.name}.{parameter.name}" if number else of.effect.name,
-                effect=of.effect,
-                arm=of.arm,
-                base=base,
-                nodes=nodes(parameter, base, whole=whole),
-                whole=whole,
-            )
-        )
-    return found
-
-
 def nodes(parameter: Parameter, base: Value, *, whole: bool = False) -> tuple[Value, ...]:
     """Values at which an effect is simulated, the base left out.
 

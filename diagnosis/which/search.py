@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -124,7 +124,6 @@ def search(
     *,
     threshold: float,
     explained_below: float = 0.0,
-    companions: Callable[[Candidate], Sequence[Candidate]] = lambda _: (),
 ) -> Search:
     """Add effects while held-out scenes gain, simulating all accepted ones together.
 
@@ -136,7 +135,6 @@ def search(
         folds: scenes held out.
         threshold: least gain of an effect.
         explained_below: size of what is left up to which nothing else is looked for.
-        companions: of an accepted effect, its parameters beside the one that moved it.
     """
     signatures = [
         one
@@ -154,7 +152,7 @@ def search(
         model = wider
     model = _thinned(bench, likelihood, model, threshold)
     if likelihood.size(model.made()) > explained_below:
-        whole = _completed(model, bench, likelihood, companions, folds, threshold)
+        whole = _completed(model, bench, likelihood, alone, folds, threshold)
         if whole is not model:
             model = _thinned(bench, likelihood, whole, threshold)
     return Search(
@@ -246,7 +244,7 @@ def _completed(
     model: Model,
     bench: Bench,
     likelihood: Likelihood,
-    companions: Callable[[Candidate], Sequence[Candidate]],
+    alone: Sequence[Fit],
     folds: Folds,
     threshold: float,
 ) -> Model:
@@ -254,10 +252,9 @@ def _completed(
 
     Where a second projector stands shows only once it shines.
     """
+    idle = [one.signature.candidate for one in alone if not one.signature.change.any()]
     for term in model.terms:
-        for candidate in companions(term.candidate):
-            if candidate.name in model.settings:
-                continue
+        for candidate in (one for one in idle if one.effect is term.candidate.effect):
             beside = signature(candidate, bench, coarse(candidate), given=model.settings)
             if beside is None:
                 continue

@@ -148,14 +148,16 @@ def test_another_number_of_an_accepted_effect_is_found_where_more_is_left():
     )
     gap = noise(7) + bench.change({"second_projector": 0.6, "second_projector.x": 0.4})
     likelihood = BASE.likelihood(gap, ONES)
-    alone = [fit(one, likelihood, HELD) for one in (shines, MADE["read_noise"])]
-    how: Any = {"threshold": null.LEAST_GAIN, "companions": lambda of: [second]}
-    found = search.search(bench, likelihood, alone, alone, HELD, **how)  # type: ignore[arg-type]
+    closer = [fit(one, likelihood, HELD) for one in (shines, MADE["read_noise"])]
+    idle = Signature(second, (-0.5, 0.0, 0.25, 0.5), np.zeros((4, SCENES, FEATURES)))
+    alone = [*closer, fit(idle, likelihood, HELD)]
+    how: Any = {"threshold": null.LEAST_GAIN}
+    found = search.search(bench, likelihood, closer, alone, HELD, **how)  # type: ignore[arg-type]
     assert list(found.settings) == ["second_projector", "second_projector.x"]
     assert found.settings["second_projector.x"] == pytest.approx(0.4, abs=0.06)
     assert found.after < 0.2 * found.before
     enough = search.search(  # type: ignore[arg-type]
-        bench, likelihood, alone, alone, HELD, explained_below=1e6, **how
+        bench, likelihood, closer, alone, HELD, explained_below=1e6, **how
     )
     assert list(enough.settings) == ["second_projector"]
 
