@@ -149,6 +149,7 @@ def test_a_run_goes_on_where_it_was(done, monkeypatch):
     assert {**after, "seconds": 0} == {**before, "seconds": 0}
 
 
+@pytest.mark.long
 def test_power_is_asked_of_the_same_scenes(done, monkeypatch):
     """Vignetting far above its limit is found, and far below it is not."""
     one, _ = done
@@ -202,6 +203,7 @@ def test_another_matcher_is_noticed_and_is_no_alarm_of_the_image(done, tmp_path)
         dataclasses.replace(run, infrared=False)
 
 
+@pytest.mark.long
 def test_effects_in_real_pairs_are_diagnosed_against_the_pairs(done, tmp_path):
     """The pairs are of another seed's camera; nothing but pixels is known of them."""
     one, _ = done

@@ -247,7 +247,7 @@ def test_a_family_that_is_none_is_refused(place, tmp_path, capsys):
     assert "family" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_residual_is_learnt_and_judged_where_it_has_not_learnt(place, diagnosed, monkeypatch):
     monkeypatch.setattr(registry, "method", partial(registry.method, steps=3))
     told = diagnosed(place / "bent", "--residual")
