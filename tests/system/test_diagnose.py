@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import starling
-from diagnosis import light_sets, named, own_depth, reading, subject
+from diagnosis import estimated, light_sets, named, own_depth, reading, subject
 from diagnosis.tell_apart import MENU, tell_apart
 from diagnosis.which import bench, null
 from diagnosis.which.candidates import Arm
@@ -383,3 +383,10 @@ def test_reflectance_that_is_estimated_is_said_to_take_up_light(place, diagnosed
         assert (floor >= np.abs(np.nan_to_num(change)) - 1e-12).all()
     known = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
     assert known.estimates == () and bench.bench([known], Arm.IMAGE).otherwise() == []
+    for frame in ("0", "1"):
+        folder = guessed / "clutter-2" / frame
+        shutil.copy(guessed / "clutter-2" / "truth.png", folder / "depth.png")
+        for side in ("left", "right"):
+            (folder / f"ir_{side}.png").unlink()
+    unseen, others = estimated.scene(capture.open_set(guessed).scenes[1], sensor())
+    assert len(others) == 2 and (np.unique(unseen.bodies[0].texture) == 0.5).all()
