@@ -17,9 +17,9 @@ from learning.captured import SMOOTHING_PX
 from patterns.errors import refuse
 from sim.capture import CapturedScene
 from sim.pinhole import Pinhole
-from sim.scene import Material, Scene
+from sim.scene import Scene
 from sim.scenes import captured as surfaces
-from sim.scenes import depth_surface, known
+from sim.scenes import known
 from sim.sensor import Sensor
 
 Estimates = tuple[Callable[[], Scene], ...]
@@ -66,18 +66,6 @@ def scene(captured: CapturedScene, sensor: Sensor) -> tuple[Scene, Estimates]:
     x, y = np.arange(info.width) - info.cx_px, np.arange(info.height) - info.cy_px
     square = (x[None] ** 2 + y[:, None] ** 2) / Pinhole.of(info).half_diagonal_px ** 2
     shaded = likely * (1 - _SHADED * square).astype(np.float32)
-    made = partial(_made, captured, disparity_px)
+    made = partial(surfaces.of_reflectance, captured, disparity_px)
     others = (_DARKER * likely, shaded, *detailed)
     return made(likely), tuple(partial(made, one) for one in others)
-
-
-def _made(
-    captured: CapturedScene, disparity_px: NDArray[np.float32], reflectance: NDArray[np.float32]
-) -> Scene:
-    return depth_surface.scene(
-        captured.name,
-        disparity_px,
-        captured.info,
-        Material(name="as seen"),
-        reflectance=reflectance,
-    )

@@ -20,10 +20,9 @@ def means(values: NDArray[np.float64], rooms: Sequence[str]) -> NDArray[np.float
     Returns:
         (rooms, ...), rooms in the order they come in; NaN where nothing is known.
     """
-    order = list(dict.fromkeys(rooms))
-    number = np.array([order.index(room) for room in rooms])
+    number = _numbers(rooms)
     found = []
-    for room in range(len(order)):
+    for room in range(number.max() + 1):
         own = values[number == room]
         known = np.isfinite(own)
         count = known.sum(axis=0)
@@ -40,7 +39,12 @@ def draws(rooms: Sequence[str], count: int, rng: np.random.Generator) -> NDArray
         count: of draws.
         rng: draws.
     """
+    number = _numbers(rooms)
+    many = number.max() + 1
+    return rng.multinomial(many, np.full(many, 1 / many), size=count)[:, number]
+
+
+def _numbers(rooms: Sequence[str]) -> NDArray[np.intp]:
+    """Number of each scene's room, in the order rooms come in."""
     order = list(dict.fromkeys(rooms))
-    number = np.array([order.index(room) for room in rooms])
-    times = rng.multinomial(len(order), np.full(len(order), 1 / len(order)), size=count)
-    return times[:, number]
+    return np.array([order.index(room) for room in rooms])

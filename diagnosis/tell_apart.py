@@ -142,17 +142,17 @@ def _squares(
     proposal: Proposal,
 ) -> float | None:
     """Sum over groups of features of the squared difference of two rivals over its deviation."""
-    total = 0.0
-    believed = proposal.setups(of.scene, of.sensor)
     each = [_setups(rival, of, proposal) for rival in (one, other)]
-    for number, (scene, sensor) in enumerate(believed):
+    supposed = [setups for setups in each if setups is not None]
+    if len(supposed) < len(each):
+        return None
+    total = 0.0
+    for number, (scene, sensor) in enumerate(proposal.setups(of.scene, of.sensor)):
         base = _taken(of, scene, sensor, proposal, number)
         if arm is Arm.DEPTH:
             base = dataclasses.replace(base, real=base.simulate({}, seed=0))
         tables = []
-        for setups in each:
-            if setups is None:
-                return None
+        for setups in supposed:
             # What a rival changes is seen in the bins of what is believed.
             taken = _taken(of, *setups[number], proposal, number)
             taken = dataclasses.replace(taken, real=base.real, ground=base.ground)
@@ -160,6 +160,8 @@ def _squares(
             seeds = range(1 if arm is Arm.DEPTH else _SEEDS)
             simulated = [table.simulated({}, seed=seed) for seed in seeds]
             known = [found for found in simulated if found is not None]
+            if len(known) < len(simulated):
+                return None
             tables.append((table.names, np.concatenate(known)))
         total += _apart(*tables)
     return total

@@ -10,7 +10,7 @@ from C less B.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,12 +47,7 @@ class Part:
         return one / (one + other) if one + other else None
 
 
-FIGURES: dict[str, Callable[[NDArray, Ground], float]] = {
-    "ndp_rate": lambda found, ground: float(np.mean(~np.isfinite(found[ground.counted]))),
-    "bias_px": lambda found, ground: _figure(found, ground, "bias_px"),
-    "nmad_px": lambda found, ground: _figure(found, ground, "nmad_px"),
-    "bad1_pct": lambda found, ground: _figure(found, ground, "bad1_pct"),
-}
+FIGURES = ("ndp_rate", "bias_px", "nmad_px", "bad1_pct")
 
 
 def swap(
@@ -69,18 +64,18 @@ def swap(
         grounds: of the scenes.
         rooms: likewise.
     """
+    columns = [
+        [_figures(maps, ground) for maps, ground in zip(column, grounds, strict=True)]
+        for column in (
+            [one.ours_px for one in base],
+            [one.ours_px for one in real],
+            [one.device_px for one in real],
+            [one.device_px for one in base],
+        )
+    ]
     found = {}
-    for name, figure in FIGURES.items():
-        columns = [
-            [_of(figure, maps, ground) for maps, ground in zip(column, grounds, strict=True)]
-            for column in (
-                [one.ours_px for one in base],
-                [one.ours_px for one in real],
-                [one.device_px for one in real],
-                [one.device_px for one in base],
-            )
-        ]
-        a, b, c, d = (np.array(column, float) for column in columns)
+    for name in FIGURES:
+        a, b, c, d = (np.array([one[name] for one in column]) for column in columns)
         own = d - a if np.isfinite(d).any() else np.zeros_like(a)
         found[name] = Part(
             base=_mean(a),
@@ -93,16 +88,17 @@ def swap(
     return found
 
 
-def _figure(found: NDArray, ground: Ground, name: str) -> float:
-    """One of `metrics.DisparityFigures`; NaN where no pixel is scored."""
+def _figures(maps: NDArray | None, ground: Ground) -> dict[str, float]:
+    """`FIGURES` of the first map; NaN of none, and of errors where no pixel is scored."""
+    told: dict[str, float] = dict.fromkeys(FIGURES, float("nan"))
+    if maps is None:
+        return told
+    told["ndp_rate"] = float(np.mean(~np.isfinite(maps[0][ground.counted])))
     scored = metrics.scored_pixels(ground.disparity_px)
-    if not scored.any():
-        return float("nan")
-    return float(getattr(metrics.disparity_figures(found, ground.disparity_px, scored), name))
-
-
-def _of(figure: Callable[[NDArray, Ground], float], maps: NDArray | None, ground: Ground) -> float:
-    return float("nan") if maps is None else figure(maps[0], ground)
+    if scored.any():
+        errors = metrics.disparity_figures(maps[0], ground.disparity_px, scored)
+        told |= {name: float(getattr(errors, name)) for name in FIGURES[1:]}
+    return told
 
 
 def _mean(values: NDArray) -> float | None:

@@ -122,13 +122,12 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
         (fit(one, likelihood, screen.folds) for one in screen.rough), key=lambda one: -one.total
     )
     closer = [one for one in alone[:CLOSER] if one.total > _WORTH_IT * screen.threshold]
-    worth_it = likelihood.size(likelihood.nothing) > screen.noise
-    explained = min(screen.noise + BEYOND_NOISE, UNEXPLAINED)
-    explained += OF_BEFORE[bench.arm] * likelihood.size(likelihood.nothing)
+    before = likelihood.size(likelihood.nothing)
+    explained = min(screen.noise + BEYOND_NOISE, UNEXPLAINED) + OF_BEFORE[bench.arm] * before
     found = search.search(
         bench,
         likelihood,
-        closer if worth_it else [],
+        closer if before > screen.noise else [],
         alone,
         screen.folds,
         threshold=screen.threshold,

@@ -27,6 +27,7 @@ Row = NDArray[np.float64]  # (features,)
 Table = NDArray[np.float64]  # (scenes, features); NaN where a feature has too few pixels.
 Make = Callable[..., Row | None]  # Of a subject, columns and more.
 
+_BASE = "[]"  # What rows without effects are kept as.
 _MADE = 4  # Of the features: another number, and what is kept is made again.
 
 
@@ -193,17 +194,18 @@ def bench(
     """
     ceiling = float(2 ** subjects[0].sensor.left.bit_depth - 1)
     if crew is None:
-        told = [feature_names(one, arm, ceiling) for one in subjects]
+        told = [base_features(one, arm, ceiling) for one in subjects]
     else:
-        futures = [crew.submit(one.name, feature_names, arm, ceiling) for one in subjects]
+        futures = [crew.submit(one.name, base_features, arm, ceiling) for one in subjects]
         told = [future.result() for future in futures]
-    names = tuple(sorted(set().union(*told)))
-    return Bench(tuple(subjects), Columns(arm=arm, names=names, ceiling=ceiling), cache, crew)
+    columns = Columns(arm=arm, names=tuple(sorted(set().union(*told))), ceiling=ceiling)
+    base = {(number, _BASE, 0): _in_order(found, columns) for number, found in enumerate(told)}
+    return Bench(tuple(subjects), columns, cache, crew, {**base})
 
 
-def feature_names(of: Subject, arm: Arm, ceiling: float) -> set[str]:
-    """Features that one scene has in an arm."""
-    return {*_features(arm, _simulated(of, arm, {}, 0), of, ceiling)}
+def base_features(of: Subject, arm: Arm, ceiling: float) -> dict[str, float]:
+    """Features that one scene has in an arm, simulated without effects."""
+    return _features(arm, _simulated(of, arm, {}, 0), of, ceiling)
 
 
 def simulated_row(
@@ -249,8 +251,11 @@ def _simulated(of: Subject, arm: Arm, settings: Mapping[str, Value], seed: int) 
 
 
 def _row(reading: Reading, subject: Subject, columns: Columns) -> Row:
-    found = _features(columns.arm, reading, subject, columns.ceiling)
-    return np.array([found.get(name, np.nan) for name in columns.names])
+    return _in_order(_features(columns.arm, reading, subject, columns.ceiling), columns)
+
+
+def _in_order(features: Mapping[str, float], columns: Columns) -> Row:
+    return np.array([features.get(name, np.nan) for name in columns.names])
 
 
 def _other_row(reading: Reading, subject: Subject, columns: Columns) -> Row:

@@ -54,6 +54,16 @@ class Model:
                 total = total + one.at(place)
         return total
 
+    def only(self, numbers: Sequence[int], beside: Table) -> Model:
+        """Some of the effects, as strong as they are here.
+
+        Args:
+            numbers: which.
+            beside: what these make together.
+        """
+        terms = tuple(self.terms[n] for n in numbers)
+        return Model(terms, tuple(self.places[n] for n in numbers), beside)
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Accepted:
@@ -318,19 +328,12 @@ def _thinned(bench: Bench, likelihood: Likelihood, model: Model, threshold: floa
     acting = [
         n for n, one in enumerate(model.terms) if model.settings[one.name] != one.candidate.base
     ]
-    model = Model(
-        tuple(model.terms[n] for n in acting), tuple(model.places[n] for n in acting), model.beside
-    )
+    model = model.only(acting, model.beside)
     for number in reversed(range(len(model.terms))):
         if len(model.terms) < 2:
             break
         kept = [n for n in range(len(model.terms)) if n != number]
-        less = Model(
-            tuple(model.terms[n] for n in kept),
-            tuple(model.places[n] for n in kept),
-            likelihood.nothing,
-        )
-        less = _simulated(bench, likelihood, less)
+        less = _simulated(bench, likelihood, model.only(kept, likelihood.nothing))
         if less is not None and _gain(likelihood, model, less) < threshold:
             model = less
     return model

@@ -77,9 +77,9 @@ def goals(
     """
     if tier not in TIERS:
         raise refusal("tier", f"must be one of {TIERS}", tier, "Tiers differ in what is shared.")
-    asked = {key: pair[0 if tier == 1 else 1] for key, pair in _GOALS.items()}
-    if not infrared:
-        asked = _WITHOUT_INFRARED
+    asked = _WITHOUT_INFRARED
+    if infrared:
+        asked = {key: pair[0 if tier == 1 else 1] for key, pair in _GOALS.items()}
     return {
         key: {"asked": goal.asked, "reached": goal.reached(scores[key])}
         for key, goal in asked.items()

@@ -53,17 +53,26 @@ def load(
     truth = scene.truth_m()
     if truth is None:
         raise _incomplete(path)
+    disparity_px = info.disparity_px(truth)
+    seen = reflectance(
+        scene,
+        vignetting=sensor.left.lens.vignetting,
+        smoothing_px=smoothing_px,
+        surfaces_px=disparity_px if within_surfaces else None,
+    )
+    return of_reflectance(scene, disparity_px, seen)
+
+
+def of_reflectance(scene: CapturedScene, disparity_px: Array, reflectance: Array) -> Scene:
+    """Turn a captured scene's reference into a scene, whatever its reflectance is taken for.
+
+    Args:
+        scene: of a capture set.
+        disparity_px: (h, w) its reference; NaN where unknown.
+        reflectance: (h, w).
+    """
     return depth_surface.scene(
-        scene.name,
-        info.disparity_px(truth),
-        info,
-        Material(name="as seen"),
-        reflectance=reflectance(
-            scene,
-            vignetting=sensor.left.lens.vignetting,
-            smoothing_px=smoothing_px,
-            surfaces_px=info.disparity_px(truth) if within_surfaces else None,
-        ),
+        scene.name, disparity_px, scene.info, Material(name="as seen"), reflectance=reflectance
     )
 
 
