@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.ground import Ground
-from diagnosis.rooms import FEWEST, means
+from diagnosis.rooms import FEWEST, draws, means
 
 _FEWEST = 200  # Pixels of a scene in a bin.
 _DRAWS = 2000
@@ -65,9 +65,8 @@ def table(
             net[column] += float(change[where].sum())
             if count >= _FEWEST:
                 gaps[scene, column] = change[where].mean()
-    of_rooms = means(gaps, rooms)
-    p = _max_t(of_rooms)
-    low, high = _bootstrap(of_rooms)
+    p = _max_t(means(gaps, rooms))
+    low, high = _interval(gaps, rooms)
     small = abs(total) < 1e-4 * pixels
     rows = [
         Row(
@@ -104,15 +103,15 @@ def _t(gaps: NDArray) -> NDArray:
     return np.where(count > 1, found, 0.0)
 
 
-def _bootstrap(gaps: NDArray) -> tuple[NDArray, NDArray]:
-    if len(gaps) < FEWEST:
+def _interval(gaps: NDArray, rooms: Sequence[str]) -> tuple[NDArray, NDArray]:
+    """Where 95 % of the means lie that rooms drawn anew give; NaN of too few."""
+    if len(set(rooms)) < FEWEST:
         nothing = np.full(gaps.shape[1], np.nan)
         return nothing, nothing
-    rng = np.random.default_rng(1)
-    drawn = rng.integers(len(gaps), size=(_DRAWS, len(gaps)))
+    times = draws(rooms, _DRAWS, np.random.default_rng(1))
     known = np.isfinite(gaps)
-    values = np.where(known, gaps, 0.0)
-    count = np.maximum(known[drawn].sum(axis=1), 1)
-    means = values[drawn].sum(axis=1) / count
-    low, high = np.quantile(means, (0.025, 0.975), axis=0)
+    with np.errstate(invalid="ignore"):
+        found = (times @ np.where(known, gaps, 0.0)) / (times @ known)
+    found[:, ~known.any(axis=0)] = 0.0  # No row is made of these.
+    low, high = np.nanquantile(found, (0.025, 0.975), axis=0)
     return low, high
