@@ -26,7 +26,7 @@ from sim import asked_sensor, capture, progress
 
 def main() -> None:
     """Diagnose and print the answer."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--set", default="d415-faro")
     parser.add_argument("--sensor", default="d415")

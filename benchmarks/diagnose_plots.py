@@ -1,0 +1,128 @@
+"""Plot what `benchmarks/diagnose_faro.py` found, as numbers: no captured image.
+
+Usage:
+    python benchmarks/diagnose_plots.py --out DIR --report preset=OUT/report calibrated=OUT/report
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+
+from sim import canvas
+
+Reports = Mapping[str, Mapping[str, Any]]
+
+STAGES = {
+    "base": "simulated infrared, our matcher",
+    "rematched": "real infrared, our matcher",
+    "device": "the device's own depth",
+}
+PARTS = {
+    "ndp_rate": ("no depth [%]", 100.0),
+    "bias_px": ("bias of disparity [px]", 1.0),
+    "nmad_px": ("NMAD of disparity [px]", 1.0),
+    "bad1_pct": ("off by more than 1 px [%]", 1.0),
+}
+MAPS = {
+    "error": ("disparity, real less simulated [px]", 1.0),
+    "holes": ("no depth [points]", 100.0),
+}
+DPI = 110
+
+
+def parts(reports: Reports) -> bytes:
+    """Draw the stage swap: three depths of the same scenes, for each base."""
+    figure = canvas.empty((10, 2.9), DPI, layout="constrained")
+    width = 0.8 / len(STAGES)
+    drawn = figure.subplots(1, len(PARTS))
+    for axes, (name, (title, scale)) in zip(drawn, PARTS.items(), strict=True):
+        for turn, (stage, told) in enumerate(STAGES.items()):
+            heights = [_number(one["where"]["parts"][name][stage]) for one in reports.values()]
+            places = np.arange(len(reports)) + (turn - 1) * width
+            axes.bar(places, scale * np.array(heights), width, label=told)
+        axes.axhline(0, color="0.4", linewidth=0.8)
+        axes.set_xticks(range(len(reports)), list(reports), fontsize=8)
+        axes.set_title(title, fontsize=9)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    return canvas.encoded(figure)
+
+
+def places(reports: Reports) -> bytes:
+    """Draw where in the image the real camera differs, mean over scenes, for each base."""
+    figure = canvas.empty((3.9 * len(reports), 4.6), DPI, layout="constrained")
+    rows = figure.subplots(len(MAPS), len(reports), squeeze=False)
+    for row, (quantity, (title, scale)) in zip(rows, MAPS.items(), strict=True):
+        maps = [_map(one, quantity) * scale for one in reports.values()]
+        limit = max(float(np.nanpercentile(np.abs(one), 98)) for one in maps)
+        colours = ScalarMappable(Normalize(-limit, limit), "RdBu_r")
+        for axes, label, one in zip(row, reports, maps, strict=True):
+            axes.imshow(one, cmap=colours.cmap, norm=colours.norm, extent=(0, 16, 0, 9))
+            axes.set_axis_off()
+            axes.set_title(f"{label}: {title}", fontsize=9)
+        figure.colorbar(colours, ax=row, shrink=0.8)
+    return canvas.encoded(figure)
+
+
+def gaps(reports: Reports) -> bytes:
+    """Draw what is left of each figure's gap, of what was there above its floor."""
+    names = list(dict.fromkeys(name for one in reports.values() for name in one["howfar"]))
+    figure = canvas.empty((8, 0.5 + 0.45 * len(names)), DPI, layout="constrained")
+    axes = figure.subplots()
+    height = 0.8 / len(reports)
+    for turn, (label, one) in enumerate(reports.items()):
+        for row, name in enumerate(names):
+            told = one["howfar"].get(name)
+            if not told or told["closed_pct"] is None:
+                continue
+            place = row + (turn - (len(reports) - 1) / 2) * height
+            axes.barh(place, told["closed_pct"], height, color=f"C{turn}", label=label)
+            if told["interval"]:
+                axes.plot(told["interval"], (place, place), color="0.2", linewidth=1.2)
+    axes.set_yticks(range(len(names)), names)
+    axes.invert_yaxis()
+    axes.set_xlim(-100, 120)
+    axes.axvline(0, color="0.4", linewidth=0.8)
+    axes.set_xlabel("closed, of before less floor [%]")
+    handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    axes.legend(handles.values(), handles.keys(), frameon=False, loc="lower left")
+    return canvas.encoded(figure)
+
+
+def _map(report: Mapping[str, Any], quantity: str) -> np.ndarray:
+    for one in report["where"]["maps"]:
+        if (one["quantity"], one["frame"]) == (quantity, "camera"):
+            return np.array(one["mean"], float)
+    raise SystemExit(f"report has no map of {quantity}: two scenes at least give one")
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def main() -> None:
+    """Read the reports and write the pictures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--report", nargs="+", required=True, metavar="NAME=FOLDER")
+    asked = parser.parse_args()
+    reports = {}
+    for one in asked.report:
+        name, _, folder = one.partition("=")
+        reports[name] = json.loads((Path(folder) / "report.json").read_text(encoding="utf-8"))
+    asked.out.mkdir(parents=True, exist_ok=True)
+    for name, draw in {"parts": parts, "places": places, "gaps": gaps}.items():
+        (asked.out / f"d415-{name}.png").write_bytes(draw(reports))
+
+
+if __name__ == "__main__":
+    main()
