@@ -1,19 +1,23 @@
 """The matcher on the 15 real D415 scenes, beside the device's own depth on the same infrared pair.
 
     python benchmarks/match_faro.py d4xx fast
+    python benchmarks/match_faro.py d4xx --border 0 3 5 7 9
 
 Captures: $STARLING_CAPTURES, else ../shared/captures from the repository's root. Errors against the
 laser scanner; agreement = ours against the device. Settings were chosen on the tuned rooms alone.
+With --border: what the device has of what we find, by the match's column in the right image, and
+the overlap of both depths' holes in all columns by the border that is left out there.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 import time
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -23,10 +27,11 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from sim.matcher import FAST, Matcher, SemiGlobalBlock, named
-from sim.matching import match
+from sim.matching import DisparityMap, match
 from sim.metrics import DisparityFigures, disparity_figures, reached_pixels, scored_pixels
 
 TUNED_ROOMS = frozenset({"0060", "1982", "4426", "6422", "g"})  # Sorted rooms, every other one.
+NEAR_PX = 30  # Columns of the right image whose matches are counted one by one.
 COLUMNS = ("bias_px", "nmad_px", "bad1_pct", "fill", "ndp_iou")
 
 
@@ -115,6 +120,39 @@ def _table(name: str, where: Path) -> None:
         print(_line(label, medians(group)))
 
 
+def _borders(name: str, where: Path, widths: list[float]) -> None:
+    setting = named(name)
+    settings = {
+        width: replace(setting, checks=replace(setting.checks, border_px=width)) for width in widths
+    }
+    found = {True: np.zeros((2, NEAR_PX)), False: np.zeros((2, NEAR_PX))}
+    overlaps: dict[bool, list[list[float]]] = {True: [], False: []}
+    for scene in scenes(where):
+        found[scene.tuned] += _kept_by_column(scene, match(scene.left, scene.right, setting))
+        known, device = np.isfinite(scene.truth_px), np.isfinite(scene.device_px)
+        valid = [match(scene.left, scene.right, one).valid for one in settings.values()]
+        overlaps[scene.tuned].append(
+            [np.sum(known & ~(one | device)) / np.sum(known & ~(one & device)) for one in valid]
+        )
+    for tuned, label in ((True, "tuned"), (False, "held out")):
+        kept, all_found = found[tuned]
+        print(f"\n{name}, {label}: share of ours that the device has, by column x - d")
+        print(" ".join(f"{share:.2f}" for share in kept / all_found))
+        print("no-depth IoU in all columns, mean over scenes, by border [px]")
+        means = np.mean(overlaps[tuned], axis=0)
+        print(
+            ", ".join(f"{width:g}: {value:.3f}" for width, value in zip(widths, means, strict=True))
+        )
+
+
+def _kept_by_column(scene: Scene, ours: DisparityMap) -> NDArray:
+    """Pixels that the device has, and all, of those that we find (2, NEAR_PX) by column."""
+    column = np.arange(ours.valid.shape[1]) - np.where(ours.valid, ours.disparity_px, -NEAR_PX)
+    columns = np.arange(NEAR_PX + 1) - 0.5
+    both = ours.valid & np.isfinite(scene.device_px)
+    return np.stack([np.histogram(column[these], columns)[0] for these in (both, ours.valid)])
+
+
 def _seconds(call, repeats: int = 5) -> float:
     """Least time of several calls, after one to warm up [s]."""
     call()
@@ -142,13 +180,20 @@ def _timings(names: list[str], scene: Scene) -> None:
 
 def main() -> None:
     """Print the table of every named setting, then the times."""
-    chosen = sys.argv[1:] or ["d4xx"]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("settings", nargs="*", default=["d4xx"])
+    parser.add_argument("--border", nargs="+", type=float, metavar="PX")
+    asked = parser.parse_args()
     where = folder()
     if not where.is_dir():
         raise SystemExit(f"no captures at {where}; set STARLING_CAPTURES to their folder")
-    for name in chosen:
-        _table(name, where)
-    _timings(chosen, next(scenes(where)))
+    for name in asked.settings:
+        if asked.border:
+            _borders(name, where, asked.border)
+        else:
+            _table(name, where)
+    if not asked.border:
+        _timings(asked.settings, next(scenes(where)))
 
 
 if __name__ == "__main__":

@@ -151,6 +151,7 @@ class Checks:
     jump_px: float = 1024.0  # Largest range of disparities in 3x3 pixels [px].
     speckle_count: int = 0  # Islands of up to so many pixels are removed; 0 = off.
     speckle_step_px: float = 1.0  # Neighbours further apart than this are two islands [px].
+    border_px: float = 0.0  # Least distance of a match from the other image's first column [px].
 
     def __post_init__(self) -> None:
         in_interval("uniqueness", self.uniqueness, 0.0, 100.0)
@@ -161,6 +162,7 @@ class Checks:
         in_interval("jump_px", self.jump_px, 0.0, 1024.0)
         _whole("speckle_count", self.speckle_count, 0, 1_000_000)
         in_interval("speckle_step_px", self.speckle_step_px, 0.0, 64.0)
+        in_interval("border_px", self.border_px, 0.0, 64.0)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

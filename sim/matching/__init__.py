@@ -50,7 +50,8 @@ def match(
     causes[Reason.SUPPORT] = _support(left, disparity, matcher.checks)
     disparity = np.where(_any(causes), np.float32(np.nan), disparity)
     reach = matcher.min_disparity_px + matcher.search_px
-    outside = checks.outside_overlap(disparity, reach_px=reach)
+    border = matcher.checks.border_px
+    outside = checks.outside_overlap(disparity, reach_px=reach, border_px=border)
     causes[Reason.OUTSIDE_OVERLAP] = outside | causes.get(Reason.OUTSIDE_OVERLAP, np.False_)
     disparity[outside] = np.nan
     disparity = subpixel.locked(disparity, matcher.refinement.locking_px)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +12,9 @@ TEXTURE_PX = 15  # Window of the texture check: one support plus one census wind
 _NONE = -16  # Below any disparity, in OpenCV's fixed point.
 
 
-def outside_overlap(disparity_px: NDArray, *, reach_px: int) -> NDArray[np.bool_]:
+def outside_overlap(
+    disparity_px: NDArray, *, reach_px: int, border_px: float = 0.0
+) -> NDArray[np.bool_]:
     """Pixels that lie left of the right image's first column, by their own or a near disparity.
 
     A pixel without disparity is judged by the next one to its right that has one: in the left
@@ -19,15 +23,16 @@ def outside_overlap(disparity_px: NDArray, *, reach_px: int) -> NDArray[np.bool_
     Args:
         disparity_px: (h, w) [px], NaN where there is none.
         reach_px: largest disparity searched.
+        border_px: columns of the right image that are left out too.
     """
     out = np.zeros(disparity_px.shape, bool)
     # Beyond twice the reach nothing can lie outside, nor be judged by a pixel that far away.
-    border = disparity_px[:, : 2 * reach_px]
+    border = disparity_px[:, : 2 * (reach_px + math.ceil(border_px))]
     width = border.shape[1]
     columns = np.arange(width)
     place = np.where(np.isfinite(border), columns, width - 1)
     following = np.minimum.accumulate(place[:, ::-1], axis=1)[:, ::-1]
-    out[:, :width] = np.take_along_axis(border, following, axis=1) > columns
+    out[:, :width] = np.take_along_axis(border, following, axis=1) > columns - border_px
     return out
 
 

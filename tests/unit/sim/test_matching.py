@@ -87,6 +87,25 @@ def test_missing_is_nan_with_a_reason_and_the_left_band_is_outside(name):
     assert found.valid[8:-8, 56:-12].mean() > 0.97
 
 
+@given(border=st.floats(0.0, 40.0))
+def test_matches_in_the_border_are_outside_and_all_others_stay(border):
+    disparity = np.tile(np.linspace(8, 12, 80, dtype=np.float32), (3, 1))
+    outside = checks.outside_overlap(disparity, reach_px=16, border_px=border)
+    np.testing.assert_array_equal(outside, np.arange(80) - disparity < border)
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_a_border_of_the_right_image_widens_the_left_band_by_as_much(name):
+    left, right = shifted_pair(40)
+    bare = match(left, right, ENGINES[name])
+    checked = replace(ENGINES[name].checks, border_px=7)
+    found = match(left, right, replace(ENGINES[name], checks=checked))
+    assert not found.valid[:, :47].any() and found.valid[8:-8, 56:-12].mean() > 0.97
+    assert (found.reason[8:-8, 36:47] == Reason.OUTSIDE_OVERLAP).mean() > 0.9
+    kept = found.valid
+    np.testing.assert_array_equal(found.disparity_px[kept], bare.disparity_px[kept])
+
+
 def test_every_own_reason_is_reached():
     left, right = shifted_pair(30, shape=(96, 260))
     right[30:60, 120:170] = dots((30, 50), seed=9)  # Another scene there: nothing matches.
