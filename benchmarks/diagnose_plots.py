@@ -22,6 +22,7 @@ from sim import canvas
 Reports = Mapping[str, Mapping[str, Any]]
 
 STAGES = {
+    "base_device": "simulated device's depth",
     "base": "simulated infrared, our matcher",
     "rematched": "real infrared, our matcher",
     "device": "the device's own depth",
@@ -40,20 +41,20 @@ DPI = 110
 
 
 def parts(reports: Reports) -> bytes:
-    """Draw the stage swap: three depths of the same scenes, for each base."""
+    """Draw the stage swap: depths of the same scenes, for each base."""
     figure = canvas.empty((10, 2.9), DPI, layout="constrained")
     width = 0.8 / len(STAGES)
     drawn = figure.subplots(1, len(PARTS))
     for axes, (name, (title, scale)) in zip(drawn, PARTS.items(), strict=True):
         for turn, (stage, told) in enumerate(STAGES.items()):
             heights = [_number(one["where"]["parts"][name][stage]) for one in reports.values()]
-            places = np.arange(len(reports)) + (turn - 1) * width
+            places = np.arange(len(reports)) + (turn - (len(STAGES) - 1) / 2) * width
             axes.bar(places, scale * np.array(heights), width, label=told)
         axes.axhline(0, color="0.4", linewidth=0.8)
         axes.set_xticks(range(len(reports)), list(reports), fontsize=8)
         axes.set_title(title, fontsize=9)
     handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
     return canvas.encoded(figure)
 
 
