@@ -1,12 +1,14 @@
 """Is a real D415's disparity error fixed in the camera, and what would explain it there?
 
     python benchmarks/disparity_field.py [--picture FILE]
+    python benchmarks/disparity_field.py --sensor FILE --held ROOM ...
 
 Errors against the laser scanner on the 15 scenes of `d415-faro`, as medians of blocks of 40 x 40
 px, of the device's own depth and of our matcher's on the same infrared. Each model is fitted to all
 rooms but one and judged there. What both depths share lies in the images, not in the device's
 matcher.
-Captures: $STARLING_CAPTURES, else ../shared/captures from the repository's root.
+With --sensor: `starling calibrate --free warp` on all rooms but the held ones, and what is left
+there between captured and simulated pairs. Captures: $STARLING_CAPTURES, else ../shared/captures from the repository's root.
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks import match_faro
-from sim import canvas
+from calibration import heldout, observation
+from calibration.geometry import warp_fit
+from sim import asked_sensor, canvas, capture
 from sim.matcher import named
 from sim.matching import match
 
@@ -139,12 +143,36 @@ def draw(fields: dict[str, NDArray], path: Path) -> None:
     path.write_bytes(canvas.encoded(figure))
 
 
+def warped(where: Path, file: str, held: Sequence[str]) -> None:
+    """Print what the warp leaves in rooms that it was not fitted to."""
+    sensor = asked_sensor.load(file, captures=str(where))
+    seen = [
+        observation.load(scene, sensor, smoothing_px=heldout.SMOOTHING_PX)
+        for scene in capture.open_set(where).scenes
+    ]
+    found = warp_fit.fit_warp([one for one in seen if one.room not in held], sensor)
+    print(found.estimates[0])
+    squares = []
+    for one in seen:
+        if one.room in held:
+            cells = [warp_fit.difference(one, each) for each in (sensor, found.sensor)]
+            squares.append([np.nanmean(each**2) for each in cells])
+            before, after = np.sqrt(squares[-1])
+            print(f"room {one.room}, {one.name}: RMS {before:.3f} px without, {after:.3f} px with")
+    before, after = np.sqrt(np.mean(squares, axis=0))
+    print(f"all: {before:.3f} px without, {after:.3f} px with")
+
+
 def main() -> None:
     """Print what each model leaves, for both depths."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--picture", type=Path)
+    parser.add_argument("--sensor", help="preset or sensor file, but for the warp calibrated")
+    parser.add_argument("--held", nargs="+", default=[], help="rooms that the warp is judged on")
     asked = parser.parse_args()
     where = match_faro.folder()
+    if asked.sensor:
+        return warped(where, asked.sensor, asked.held)
     device, ours = [], []
     for scene in match_faro.scenes(where):
         room = (where / scene.name / "room").read_text(encoding="utf-8").strip()

@@ -28,7 +28,8 @@ from sim.sensor import Sensor
 PATTERN = "pattern"
 PHOTOMETRY = "photometry"
 NOISE = "noise"
-GROUPS = (*table.GEOMETRY, PATTERN, PHOTOMETRY, NOISE)
+WARP = "warp"
+GROUPS = (*table.GEOMETRY, PATTERN, PHOTOMETRY, NOISE, WARP)
 WITH_PATTERN = ("baseline", "alignment", "projector", "scale")  # What the pattern's fit frees too.
 _ONE_IN = 4  # Rooms held out where none are named: every fourth, from the last.
 
@@ -107,6 +108,16 @@ def fit(
         with clock.stage(PHOTOMETRY):
             solutions |= _levels(observations, fitted, recovered, free)
             fitted = list(solutions.values())[-1].sensor
+    if WARP in free:
+        from calibration.geometry.warp_fit import fit_warp
+
+        with clock.stage(WARP):
+            smooth = [
+                observation.load(scene, fitted, smoothing_px=held.SMOOTHING_PX)
+                for scene in tell(inside, "warp")
+            ]
+            solutions[WARP] = fit_warp(smooth, fitted)
+            fitted = solutions[WARP].sensor
     with clock.stage("held out"):
         before, after = _scored(scenes, outside, sensor, fitted, recovered, folder, tell)
     return Calibration(

@@ -148,7 +148,8 @@ def _ideal(aligned: Alignment, pinhole: Pinhole) -> tuple[NDArray, NDArray]:
     The map of `sim.optics.alignment`, steps 1 to 3, in double precision.
     """
     y, x = np.mgrid[: pinhole.height, : pinhole.width].astype(np.float64)
-    x, y = x - aligned.offset_x_px, y - aligned.offset_y_px
+    x = x - aligned.offset_x_px - alignment.warp(aligned, (pinhole.height, pinhole.width))
+    y = y - aligned.offset_y_px
     across, down = x - pinhole.cx_px, y - pinhole.cy_px
     inwards = aligned.distortion_px / pinhole.half_diagonal_px**3
     shrink = inwards * (across**2 + down**2)

@@ -2,7 +2,8 @@
 
 A point that ideally lands at p lands at q. Back from q to p:
 
-1. take the offset off q;
+1. take the offset off q, and the warp: a shift right that is given by cells of an even grid, at the
+   cells' middles, with a cubic between them and no more change beyond;
 2. take the distortion off: from the principal point c it lies at r = |q - c| instead of
    r - s (r / r_h)^3, with s `distortion_px` (outwards where positive), r_h half the diagonal;
 3. p = K R K_m^-1 q. K_m has m times K's focal lengths; R turns the imager: x_ideal = R x_imager.
@@ -65,11 +66,22 @@ def moved(parts: tuple[Image, ...], alignment: Alignment, pinhole: Pinhole) -> t
     """
     if alignment == _ALIGNED:
         return parts
+    warp_px = warp(alignment, parts[0].shape)
     ideal_from_seen = homography(alignment, pinhole)
     inwards = alignment.distortion_px / pinhole.half_diagonal_px**3
     centre = np.array([pinhole.cx_px, pinhole.cy_px])
     offset = np.array([alignment.offset_x_px, alignment.offset_y_px])
-    return tuple(_moved(_padded(part), ideal_from_seen, centre, offset, inwards) for part in parts)
+    return tuple(
+        _moved(_padded(part), ideal_from_seen, centre, offset, inwards, warp_px) for part in parts
+    )
+
+
+def warp(alignment: Alignment, shape: tuple[int, ...]) -> Image:
+    """Shift right [px] of every pixel of a seen image of a shape (h, w), by `warp_px`."""
+    if not alignment.warp_px:
+        return np.zeros(shape, np.float32)
+    cells = np.array(alignment.warp_px, np.float32)
+    return np.asarray(cv2.resize(cells, shape[::-1], interpolation=cv2.INTER_CUBIC), np.float32)
 
 
 def _padded(image: Image) -> Image:
@@ -79,13 +91,15 @@ def _padded(image: Image) -> Image:
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
-def _sources(row, shape, h, centre, offset, inwards, i, j, t, s):  # pragma: no cover - compiled
+def _sources(
+    row, shape, h, centre, offset, inwards, warp, i, j, t, s
+):  # pragma: no cover - compiled
     """Where a row of the seen image lies in the ideal one: at (column + i + t, j + s), inside."""
     bottom, right = shape[0] - 1.0, shape[1] - 1.0
     y = row - offset[1]
     down = y - centre[1]
     for column in range(len(i)):
-        x = column - offset[0]
+        x = column - offset[0] - warp[row, column]
         across = x - centre[0]
         shrink = inwards * (across * across + down * down)
         a, b = x - shrink * across, y - shrink * down
@@ -129,7 +143,7 @@ def _run(padded, out, across, down, first, end, right, below):  # pragma: no cov
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
-def _moved(padded, h, centre, offset, inwards):  # pragma: no cover - compiled
+def _moved(padded, h, centre, offset, inwards, warp):  # pragma: no cover - compiled
     shape = (padded.shape[0] - 5, padded.shape[1] - 5)
     width = shape[1]
     out = np.empty(shape, np.float32)
@@ -137,7 +151,7 @@ def _moved(padded, h, centre, offset, inwards):  # pragma: no cover - compiled
     t, s = np.empty(width, np.float32), np.empty(width, np.float32)
     across, down = np.empty((6, width), np.float32), np.empty((6, width), np.float32)
     for row in range(shape[0]):
-        _sources(row, shape, h, centre, offset, inwards, i, j, t, s)
+        _sources(row, shape, h, centre, offset, inwards, warp, i, j, t, s)
         _weigh(t, across)
         _weigh(s, down)
         first = 0

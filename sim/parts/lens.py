@@ -55,6 +55,8 @@ class Alignment:
     yaw_deg: float = 0.0  # [deg]
     magnification: float = 1.0  # Focal length over what the intrinsics say.
     distortion_px: float = 0.0  # Shift outwards at half the diagonal, cubic in the radius [px].
+    # Shift right by cells of an even grid over the image, rows from the top [px]; () is none.
+    warp_px: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("offset_x_px", "offset_y_px", "distortion_px"):
@@ -62,3 +64,11 @@ class Alignment:
         for name in ("roll_deg", "pitch_deg", "yaw_deg"):
             errors.in_interval(f"alignment.{name}", getattr(self, name), -10.0, 10.0)
         errors.in_interval("alignment.magnification", self.magnification, 0.8, 1.25)
+        if len({len(row) for row in self.warp_px}) > 1 or () in self.warp_px:
+            lengths = [len(row) for row in self.warp_px]
+            raise errors.refuse(
+                "alignment.warp_px", "must have rows of one length", lengths, "Give all cells."
+            )
+        for row in self.warp_px:
+            for value in row:
+                errors.in_interval("alignment.warp_px", value, -50.0, 50.0)

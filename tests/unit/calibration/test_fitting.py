@@ -88,6 +88,24 @@ def test_unknown_groups_and_none_are_refused(captures: Path, small: Sensor, tmp_
     assert message.startswith("free must name a group; got none.")
 
 
+def test_a_warp_of_one_room_is_refused(captures: Path, small: Sensor, tmp_path: Path) -> None:
+    message = _refused(captures, small, tmp_path, free=["warp"], heldout=ROOMS[1:])
+    assert message.startswith("captures must hold infrared pairs of 2 rooms for the warp; got 1.")
+
+
+@pytest.mark.slow
+def test_a_warp_is_fitted_last(captures: Path, small: Sensor, tmp_path: Path) -> None:
+    """The captures have none; that another one is found, `test_warp_fit.py` tests."""
+    scenes = capture.open_set(captures).scenes
+    found = fitting.fit(
+        scenes, small, folder=tmp_path, free=["projector", "warp"], heldout=ROOMS[2:]
+    )
+    assert list(found.solutions) == ["geometry", "warp"]
+    assert found.sensor.right.alignment.warp_px
+    (estimate,) = found.solutions["warp"].estimates
+    assert estimate.value < 0.1
+
+
 def test_wrong_captures_are_refused_before_their_surfaces_are_made(
     captures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

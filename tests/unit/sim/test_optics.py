@@ -183,6 +183,36 @@ def test_whole_pixels_are_exact_and_the_edge_repeats() -> None:
     assert np.array_equal(moved[-1, 3:], seen[-1, :-3])
 
 
+@pytest.mark.parametrize(
+    ("place", "shift"), [((120, 30), 0.5), ((40, 90), -0.5), ((80, 30), 0.25), ((120, 90), 0.3)]
+)
+def test_a_warp_shifts_right_by_its_cells(place: tuple[int, int], shift: float) -> None:
+    """At the middles of cells as stated, between two of them by their mean."""
+    x, y = seen_at(Alignment(warp_px=((0.0, 0.5), (-0.5, 0.3))), *place)
+    assert x - place[0] == pytest.approx(shift, abs=0.02)
+    assert y == pytest.approx(place[1], abs=0.02)
+
+
+def test_a_warp_of_one_value_is_an_offset() -> None:
+    dot = blur.blur(point(80, 60), 1.0)
+    warped = alignment.moved((dot,), Alignment(warp_px=((0.37,),)), PINHOLE)
+    shifted = alignment.moved((dot,), Alignment(offset_x_px=0.37), PINHOLE)
+    np.testing.assert_allclose(warped, shifted, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("cells", "rule"),
+    [
+        (((0.0, 1.0), (0.0,)), "rows of one length"),
+        (((),), "rows of one length"),
+        (((0.0, 60.0),), "must be in"),
+    ],
+)
+def test_a_warp_that_cannot_be_is_refused(cells: tuple[tuple[float, ...], ...], rule: str) -> None:
+    with pytest.raises(InputError, match=f"alignment.warp_px.*{rule}"):
+        Alignment(warp_px=cells)
+
+
 @pytest.mark.parametrize("strength", [-4.0, 2.0])
 def test_distortion_is_cubic_in_the_radius(strength: float) -> None:
     for place in [(20, 20), (70, 100), (140, 90), (150, 51)]:

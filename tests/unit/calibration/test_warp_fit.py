@@ -1,0 +1,74 @@
+"""The right image's warp, against one that is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration import heldout
+from calibration.geometry.warp_fit import COLUMNS, fit_warp
+from calibration.observation import Observation
+from patterns.errors import InputError
+from sim import capture_writer
+from sim.scenes import builtin
+from sim.sensor import Sensor
+from sim.stage import Stage
+from tests.unit.calibration.small_camera import small
+
+SENSOR = small("d415", 640, 360)
+ROWS = 18
+ACROSS, DOWN = np.meshgrid(np.linspace(-1, 1, COLUMNS), np.linspace(-1, 1, ROWS))
+TRUE_PX = 0.3 * np.cos(4 * np.hypot(ACROSS, 0.6 * DOWN))  # Rings.
+
+
+def _warped(cells: np.ndarray) -> Sensor:
+    warp = tuple(tuple(map(float, row)) for row in cells)
+    aligned = replace(SENSOR.right.alignment, warp_px=warp)
+    return replace(SENSOR, right=replace(SENSOR.right, alignment=aligned))
+
+
+def _seen(room: str, distance_m: float, sensor: Sensor) -> Observation:
+    scene = builtin.wall(distance_m=distance_m)
+    images, _ = heldout.simulate(Stage(scene), sensor, 1.0)
+    info = capture_writer.info_of(SENSOR, source="drawn", licence="Apache-2.0", notes="")
+    return Observation(
+        name=room,
+        room=room,
+        info=info,
+        left=np.rint(images["left"]),
+        right=np.rint(images["right"]),
+        scene=scene,
+    )
+
+
+@pytest.fixture(scope="module")
+def captured() -> list[Observation]:
+    return [_seen(f"{z:g} m", z, _warped(TRUE_PX)) for z in (0.8, 1.2)]
+
+
+def test_the_warp_is_found_where_both_imagers_look(captured: list[Observation]) -> None:
+    """Cell by cell, but for the right band, that the left imager alone sees, and the border."""
+    found = fit_warp(captured, SENSOR)
+    warp = np.array(found.sensor.right.alignment.warp_px)
+    inside = np.s_[1:-1, 1:-3]
+    assert np.sqrt(np.mean((warp - TRUE_PX)[inside] ** 2)) < 0.02
+    (estimate,) = found.estimates
+    assert estimate.value == pytest.approx(np.sqrt(np.mean(warp**2)))
+    assert 0 < estimate.sd < 0.05 and estimate.start == 0
+    assert any("which imager" in one.lower() for one in found.undetermined)
+
+
+def test_a_fit_goes_on_from_the_warp_that_the_sensor_has(captured: list[Observation]) -> None:
+    right = _warped(TRUE_PX)
+    found = fit_warp(captured, right)
+    moved = np.array(found.sensor.right.alignment.warp_px) - TRUE_PX
+    assert np.sqrt(np.mean(moved**2)) < 0.02
+    assert found.estimates[0].start == pytest.approx(np.sqrt(np.mean(TRUE_PX**2)))
+
+
+def test_one_room_is_too_few(captured: list[Observation]) -> None:
+    bare = replace(captured[1], right=None)
+    with pytest.raises(InputError, match="must hold infrared pairs of 2 rooms for the warp; got 1"):
+        fit_warp([captured[0], bare], SENSOR)
