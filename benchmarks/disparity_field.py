@@ -8,7 +8,8 @@ px, of the device's own depth and of our matcher's on the same infrared. Each mo
 rooms but one and judged there. What both depths share lies in the images, not in the device's
 matcher.
 With --sensor: `starling calibrate --free warp` on all rooms but the held ones, and what is left
-there between captured and simulated pairs. Captures: $STARLING_CAPTURES, else ../shared/captures from the repository's root.
+there between captured and simulated pairs.
+Captures: $STARLING_CAPTURES, else ../shared/captures from the repository's root.
 """
 
 from __future__ import annotations
