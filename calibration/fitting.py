@@ -113,8 +113,8 @@ def fit(
 
         with clock.stage(WARP):
             smooth = [
-                observation.load(scene, fitted, smoothing_px=held.SMOOTHING_PX)
-                for scene in tell(inside, "warp")
+                observation.with_surface(one, scene, fitted, smoothing_px=held.SMOOTHING_PX)
+                for one, scene in zip(seen, tell(inside, "warp"), strict=True)
             ]
             solutions[WARP] = fit_warp(smooth, fitted)
             fitted = solutions[WARP].sensor

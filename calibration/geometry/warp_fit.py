@@ -20,6 +20,7 @@ from calibration.observation import Observation
 from calibration.solution import Estimate, Solution
 from patterns import errors
 from sim.matching import match, readable
+from sim.matching.memory import Memory
 from sim.sensor import Sensor
 
 NAME = "right.alignment.warp_px"
@@ -63,9 +64,10 @@ def fit_warp(observations: Sequence[Observation], sensor: Sensor) -> Solution:
             len(rooms),
             "Capture another room, or leave out warp.",
         )
+    memory = Memory(most=len(usable))
     fitted, of_rooms = sensor, np.empty(0)
     for _ in range(_ROUNDS):
-        seen = [(one.room, difference(one, fitted)) for one in usable]
+        seen = [(one.room, difference(one, fitted, memory=memory)) for one in usable]
         of_rooms = np.stack([_mean([made for own, made in seen if own == room]) for room in rooms])
         fitted = _with(fitted, _cells(fitted, of_rooms.shape[1:]) - _smoothed(of_rooms))
     known = np.isfinite(of_rooms).sum(axis=0)
@@ -82,12 +84,13 @@ def fit_warp(observations: Sequence[Observation], sensor: Sensor) -> Solution:
     )
 
 
-def difference(observation: Observation, sensor: Sensor) -> Cells:
+def difference(observation: Observation, sensor: Sensor, *, memory: Memory | None = None) -> Cells:
     """Disparity of a captured pair less that of the simulated one [px].
 
     Args:
         observation: with a pair and a surface, loaded with `heldout.SMOOTHING_PX`.
         sensor: that it is simulated with.
+        memory: of searches of captured pairs.
 
     Returns:
         (rows, COLUMNS) medians of cells of the right image, NaN where too little is known.
@@ -95,21 +98,23 @@ def difference(observation: Observation, sensor: Sensor) -> Cells:
     assert observation.left is not None and observation.right is not None
     scale = sensor.projector.pattern_scale
     simulated, _ = heldout.simulate(observation.stage, sensor, scale)
-    captured = _matched(observation.left, observation.right, sensor)
+    captured = _matched(observation.left, observation.right, sensor, memory)
     expected = _matched(simulated["left"], simulated["right"], sensor)
     apart = captured - expected
     apart[np.abs(apart) > _FARTHEST_PX] = np.nan
     return _medians(apart, expected)
 
 
-def _matched(left: NDArray, right: NDArray, sensor: Sensor) -> NDArray[np.float32]:
+def _matched(
+    left: NDArray, right: NDArray, sensor: Sensor, memory: Memory | None = None
+) -> NDArray[np.float32]:
     ceiling = sensor.left.ceiling_dn
     kind = np.uint8 if ceiling <= np.iinfo(np.uint8).max else np.uint16
     bits = int(ceiling).bit_length()
     first, second = (
         readable(np.clip(np.rint(one), 0, ceiling).astype(kind), bits) for one in (left, right)
     )
-    return match(first, second, sensor.matcher).disparity_px
+    return match(first, second, sensor.matcher, memory=memory).disparity_px
 
 
 def _medians(values: NDArray[np.float32], disparity_px: NDArray[np.float32]) -> Cells:
