@@ -1,13 +1,13 @@
 """How strong an effect has to be to be found: what the diagnosis says of its own signatures.
 
-    python -m diagnosis.detection CAPTURES --sensor FILE [--cache FOLDER]
+    python -m diagnosis.detection CAPTURES... --sensor FILE [--cache FOLDER]
 
 Prints JSON: by effect its base, and the values below and above from which on its own gain passes
 the threshold in half of the simulated readings; null where no value of its range does. Of effects
 that are a choice, all values that are found.
 
 Matcher and filters are asked about on the infrared images that the capture set holds; it should be
-one that nothing is wrong with.
+one that nothing is wrong with. Of several capture sets those limits are told that hold in each.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from diagnosis import crew, named, program
 from diagnosis.subject import subject
@@ -38,7 +39,7 @@ _CLOSER = 4  # Times that an effect is simulated where it was just found.
 _DEVICES = (101, 102, 103, 104)  # Whose readings with an effect are looked at in the end.
 _STRONGER = 1.5  # Departure over the last one, where too few of them are found.
 
-Limits = dict[str, Value | None] | dict[str, list[Value]]
+Limits = dict[str, Any]  # A base and the values below and above; of a choice all that are found.
 
 
 def limits(
@@ -67,6 +68,35 @@ def limits(
         table, screen = named.screened(arm, asked, None, always=True, cache=place, tell=tell)
         found |= {one.name: _limits(one, table, screen) for one in screen.rough}
     return found
+
+
+def in_each(many: Sequence[dict[str, Limits]]) -> dict[str, Limits]:
+    """Values that are found in every one of some capture sets.
+
+    Args:
+        many: limits by effect, at least one; all of one base.
+    """
+    return {name: _in_each([one[name] for one in many]) for name in many[0]}
+
+
+def _in_each(many: Sequence[Limits]) -> Limits:
+    first = many[0]
+    if "found" in first:
+        return {
+            "found": [
+                value for value in first["found"] if all(value in one["found"] for one in many)
+            ]
+        }
+    return {
+        "base": first["base"],
+        "below": _farthest([one["below"] for one in many], min),
+        "above": _farthest([one["above"] for one in many], max),
+    }
+
+
+def _farthest(values: Sequence[Value | None], choose: Callable[..., Value]) -> Value | None:
+    known = [value for value in values if value is not None]
+    return choose(known) if len(known) == len(values) else None
 
 
 def _limits(of: Signature, table: Bench, screen: Screen) -> Limits:
@@ -124,7 +154,7 @@ def _found(of: Signature, place: float, screen: Screen) -> bool:
     return _enough(
         of,
         [
-            base.likelihood(reading + of.at(place), screen.weight)
+            base.likelihood(reading + of.at(place).change, screen.weight)
             for base, reading in null.readings(screen.base)
         ],
         screen,
@@ -155,15 +185,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m diagnosis.detection", description="Say how strong an effect has to be."
     )
-    parser.add_argument("captures", type=Path, help="capture set, of whose scenes is asked")
+    parser.add_argument(
+        "captures", type=Path, nargs="+", help="capture sets, of whose scenes is asked"
+    )
     parser.add_argument("--sensor", required=True, help="preset or sensor file, the base")
     parser.add_argument("--cache", type=Path, help="folder that keeps what is simulated")
     asked = parser.parse_args(arguments)
     crew.alone()
 
     def work(tell: progress.Progress) -> None:
-        found = limits(asked.captures, sensors.load(asked.sensor), cache=asked.cache, tell=tell)
-        print(json.dumps(found, indent=1))
+        sensor = sensors.load(asked.sensor)
+        found = [limits(one, sensor, cache=asked.cache, tell=tell) for one in asked.captures]
+        print(json.dumps(in_each(found), indent=1))
 
     return program.run(work)
 

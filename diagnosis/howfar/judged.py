@@ -13,9 +13,10 @@ from diagnosis.howfar.distances import distances
 from diagnosis.subject import Subject
 from diagnosis.which import null
 from diagnosis.which.arm import Found
-from diagnosis.which.bench import Bench, Table
+from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm
 from diagnosis.which.likelihood import Likelihood
+from diagnosis.which.made import Made
 from sim.effects.effect import Value
 
 Settings = Mapping[str, Value]
@@ -93,10 +94,10 @@ def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likeliho
     return table, real, base.drawn(beside).likelihood(other, weight)
 
 
-def _made(table: Bench, settings: Settings) -> Table:
-    made = table.change(settings)
-    assert made is not None  # Those that exclude each other are not accepted together.
-    return made
+def _made(table: Bench, settings: Settings) -> Made:
+    change = table.change(settings)
+    assert change is not None  # Those that exclude each other are not accepted together.
+    return Made(change)
 
 
 def _shares(arm: Found, table: Bench, likelihood: Likelihood) -> dict[str, float]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +17,7 @@ from diagnosis.which.likelihood import Likelihood, weights
 from diagnosis.which.null import Base
 from diagnosis.which.search import Search
 from diagnosis.which.signature import Signature, signature
+from diagnosis.which.strengths import coarse
 from sim import progress
 from sim.effects.effect import Value
 
@@ -28,7 +28,6 @@ _WORTH_IT = 0.25  # Of the threshold, that one has to gain alone.
 # simulated as it truly is.
 BEYOND_NOISE, UNEXPLAINED = 0.35, 0.65
 OF_BEFORE = {Arm.IMAGE: 0.04, Arm.DEPTH: 0.1, Arm.WHOLE: 0.04}  # Matchers are told of less well.
-_ANEW = (1, 2, 3)  # Devices, and seeds, of effects drawn anew.
 _NAMED = 3  # Groups of features that a lead names.
 _LEAD = 3.0  # Mean deviations of a group from which it is a lead.
 
@@ -88,7 +87,7 @@ def screen(
     rough = tuple(
         made
         for one in tell(list(candidates), f"effects on the {bench.arm.value}")
-        if (made := signature(one, bench, search.coarse(one))) is not None
+        if (made := signature(one, bench, coarse(one))) is not None
     )
     weight = weights(rough, base.deviation)
     held = folds([one.room for one in bench.subjects])
@@ -133,8 +132,6 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
         threshold=screen.threshold,
         explained_below=explained,
     )
-    if found.after > explained and bench.arm is not Arm.DEPTH:
-        explained += _drawn_anew(bench, likelihood, found.settings)
     return Found(
         bench=bench,
         screen=screen,
@@ -143,19 +140,6 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
         explained_below=explained,
         lead=_lead(bench.names, found.left),
     )
-
-
-def _drawn_anew(bench: Bench, likelihood: Likelihood, settings: Mapping[str, Value]) -> float:
-    """Size of what effects leave of themselves in other devices, as faulty dots and flicker do."""
-    if not settings:
-        return 0.0
-    made = bench.change(settings)
-    sizes = []
-    for number in _ANEW:
-        again, base = bench.another(settings, number=number), bench.another({}, number=number)
-        assert made is not None and again is not None and base is not None
-        sizes.append(dataclasses.replace(likelihood, gap=again - base).size(made))
-    return max(sizes)
 
 
 def _lead(features: Sequence[str], left: NDArray[np.float64]) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from diagnosis.subject import Subject
 from diagnosis.which.candidates import Arm
 from patterns.errors import InputError
 from sim import record
+from sim.effects import setting
 from sim.effects.effect import Value
 
 Row = NDArray[np.float64]  # (features,)
@@ -28,6 +29,7 @@ Table = NDArray[np.float64]  # (scenes, features); NaN where a feature has too f
 Make = Callable[..., Row | None]  # Of a subject, columns and more.
 
 _BASE = "[]"  # What rows without effects are kept as.
+_OTHERS = (1, 2, 3)  # Devices, and seeds, in which effects are drawn anew.
 _MADE = 4  # Of the features: another number, and what is kept is made again.
 
 
@@ -153,10 +155,34 @@ class Bench:
         return np.stack(known) if len(known) == len(rows) else None
 
     def change(self, settings: Mapping[str, Value]) -> Table | None:
-        """What effects change, noise being equal."""
+        """What effects change, noise being equal; of what is drawn by lot, the mean of some."""
+        drawn = self._drawn(settings)
+        return None if drawn is None else mean(drawn, axis=0)
+
+    def scatter(self, settings: Mapping[str, Value]) -> Row | None:
+        """Deviation (features,) of what one more draw changes from `change`, all scenes alike; None
+        where nothing is drawn.
+        """
+        drawn = self._drawn(settings)
+        if drawn is None or len(drawn) < 2:
+            return None
+        draws = len(drawn)
+        square = mean((drawn - mean(drawn, axis=0)) ** 2, axis=(0, 1))
+        return np.sqrt(np.nan_to_num(square) * (draws + 1) / (draws - 1))
+
+    def _drawn(self, settings: Mapping[str, Value]) -> NDArray[np.float64] | None:
+        """What effects change in each of some devices and exposures (draws, scenes, features)."""
         with_effects, base = self.simulated(settings), self.simulated({})
         assert base is not None
-        return None if with_effects is None else with_effects - base
+        if with_effects is None:
+            return None
+        found = [with_effects - base]
+        by_lot = any(setting.parameter_of(name)[0].drawn for name in settings)
+        for number in _OTHERS if by_lot and self.arm is not Arm.DEPTH else ():
+            other, base = self.another(settings, number=number), self.another({}, number=number)
+            assert other is not None and base is not None  # As the first could be simulated.
+            found.append(other - base)
+        return np.stack(found)
 
     def _made(
         self, keys: Sequence[tuple[int, str, int]], make: Make, *arguments: Any
@@ -179,6 +205,19 @@ class Bench:
     @cached_property
     def _digests(self) -> list[str]:
         return [_digest(one, self.columns) for one in self.subjects]
+
+
+def mean(values: NDArray[np.float64], axis: int | tuple[int, ...]) -> NDArray[np.float64]:
+    """Mean of what is known; NaN where nothing is.
+
+    Args:
+        values: NaN where not known.
+        axis: as numpy has it.
+    """
+    known = np.isfinite(values)
+    count = known.sum(axis=axis)
+    total = np.where(known, values, 0.0).sum(axis=axis)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def bench(

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from diagnosis.rooms import draws as drawn_anew
-from diagnosis.which.bench import Table
 from diagnosis.which.likelihood import Likelihood
+from diagnosis.which.made import Made, stacked
 from diagnosis.which.signature import Signature
 from sim.effects.effect import Value
 
 FOLDS = 4
 _STEPS = 16  # Places tried between two nodes.
+
+Folds = Sequence[NDArray[np.bool_]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,9 +84,9 @@ class Fit:
 def fit(
     signature: Signature,
     likelihood: Likelihood,
-    folds: Sequence[NDArray[np.bool_]],
+    folds: Folds,
     *,
-    given: Table | None = None,
+    given: Made | None = None,
     steps: int = _STEPS,
 ) -> Fit:
     """Fit a candidate on all scenes but a fold's, and judge it there.
@@ -93,21 +95,35 @@ def fit(
         signature: of the candidate.
         likelihood: of the gap.
         folds: masks (scenes,) of the scenes held out in each.
-        given: (scenes, features) what other effects make; None where there are none.
+        given: what other effects make; None where there are none.
         steps: places tried between two nodes.
     """
     given = likelihood.nothing if given is None else given
     tried = places(signature, steps)
-    cost = likelihood.cost(given + np.stack([signature.at(place) for place in tried]))
+    cost = likelihood.cost(stacked([given + signature.at(place) for place in tried]))
     nothing = likelihood.cost(given)
     gain = held_out(cost, nothing, folds)
     return Fit(signature, float(tried[int(np.argmin(cost.sum(axis=1)))]), gain, cost, tried)
 
 
+def ranked(
+    signatures: Sequence[Signature], likelihood: Likelihood, folds: Folds, given: Made
+) -> list[Fit]:
+    """Fit every candidate on top of others, those that gain most first.
+
+    Args:
+        signatures: of the candidates.
+        likelihood, folds: as `fit`.
+        given: what the others make.
+    """
+    fits = [fit(one, likelihood, folds, given=given) for one in signatures]
+    return sorted(fits, key=lambda one: -one.total)
+
+
 def held_out(
     cost: NDArray[np.float64],
     nothing: NDArray[np.float64],
-    folds: Sequence[NDArray[np.bool_]],
+    folds: Folds,
 ) -> NDArray[np.float64]:
     """Gain (scenes,) of the choice that the other scenes make.
 

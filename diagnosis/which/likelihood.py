@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.which.bench import Table
+from diagnosis.which.made import Made
 from diagnosis.which.signature import Signature
 
 FREEDOM = 4.0  # Of Student's t: a feature that the simulator gets wrong must not decide alone.
@@ -26,42 +27,41 @@ class Likelihood:
     weight: NDArray[np.float64]  # (features,) as of `weights`.
 
     @property
-    def nothing(self) -> Table:
+    def nothing(self) -> Made:
         """What no effect makes: zeros."""
-        return np.zeros_like(self.gap)
+        return Made(np.zeros_like(self.gap))
 
-    def size(self, made: Table) -> float:
+    def size(self, made: Made) -> float:
         """Weighted mean square of what effects leave of the gap, over its deviation.
 
         The deviation holds what the simulator gets wrong too: chance alone makes less than 1.
 
         Args:
-            made: (scenes, features) what effects make.
+            made: what effects make.
         """
         square, known = self._square(made)
         return float(self._sum(square, known).sum() / max((known @ self.weight).sum(), 1e-9))
 
-    def sizes(self, made: Table) -> NDArray[np.float64]:
+    def sizes(self, made: Made) -> NDArray[np.float64]:
         """The same for each scene (scenes,)."""
         square, known = self._square(made)
         return self._sum(square, known) / np.maximum(known @ self.weight, 1e-9)
 
-    def left(self, made: Table) -> Table:
+    def left(self, made: Made) -> Table:
         """What effects leave of the gap, over its deviation (scenes, features)."""
-        return (self.gap - made) / np.sqrt(self._variance(np.nan_to_num(made)))
+        return (self.gap - made.change) / np.sqrt(self._variance(made))
 
-    def cost(self, made: NDArray[np.float64]) -> NDArray[np.float64]:
+    def cost(self, made: Made) -> NDArray[np.float64]:
         """Negative logarithm of the likelihood for each scene.
 
         Args:
-            made: (..., scenes, features) what effects make.
+            made: what effects make.
 
         Returns:
             (..., scenes), up to a constant.
         """
         square, known = self._square(made)
-        variance = self._variance(np.where(known, made, 0.0))
-        wide = 0.5 * np.log(variance / self.deviation**2)
+        wide = 0.5 * np.log(self._variance(made) / self.deviation**2)
         off = 0.5 * (FREEDOM + 1) * np.log1p(square / FREEDOM)
         # A feature that effects make unknown tells as much as one they leave alone.
         return np.where(known, off + wide, self._alone()) @ self.weight
@@ -69,14 +69,14 @@ class Likelihood:
     def _sum(self, square: Table, known: NDArray[np.bool_]) -> NDArray[np.float64]:
         return np.where(known, np.minimum(square, _LARGEST), 0.0) @ self.weight
 
-    def _square(self, made: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        known = np.isfinite(self.gap) & np.isfinite(made)
-        change = np.where(known, made, 0.0)
-        left = np.where(known, self.gap - change, 0.0)
-        return left**2 / self._variance(change), known
+    def _square(self, made: Made) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        known = np.isfinite(self.gap) & np.isfinite(made.change)
+        left = np.where(known, self.gap - made.change, 0.0)
+        return left**2 / self._variance(made), known
 
-    def _variance(self, made: NDArray[np.float64]) -> NDArray[np.float64]:
-        return self.deviation**2 + (TAU * made) ** 2
+    def _variance(self, made: Made) -> NDArray[np.float64]:
+        change = np.nan_to_num(made.change)
+        return self.deviation**2 + (TAU * change) ** 2 + made.scatter
 
     def _alone(self) -> Table:
         gap = np.nan_to_num(self.gap)

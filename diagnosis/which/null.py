@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.which.bench import Bench, Table
+from diagnosis.which.bench import Bench, Table, mean
 from diagnosis.which.candidates import Arm
 from diagnosis.which.fit import fit
 from diagnosis.which.likelihood import TAU, Likelihood
@@ -33,7 +33,7 @@ class Base:
     @property
     def mean(self) -> Table:
         """Mean over seeds."""
-        return _mean(self.tables, axis=0)
+        return mean(self.tables, axis=0)
 
     @property
     def deviation(self) -> Table:
@@ -41,7 +41,7 @@ class Base:
         simulator misses.
         """
         seeds = len(self.tables)
-        squares = _mean((self.tables - self.mean) ** 2, axis=(0, 1))
+        squares = mean((self.tables - self.mean) ** 2, axis=(0, 1))
         variance = squares * seeds / max(seeds - 1, 1)
         variance = variance * (1 + (1 / seeds if self.against is None else 1))
         return np.sqrt(np.nan_to_num(variance) + self.floor**2)
@@ -63,14 +63,6 @@ class Base:
     def drawn(self, simulated: Table) -> Base:
         """The base with a simulated reading for the captures that others are compared with."""
         return self if self.against is None else dataclasses.replace(self, against=simulated)
-
-
-def _mean(values: NDArray[np.float64], axis: int | tuple[int, ...]) -> NDArray[np.float64]:
-    """Mean of what is known; NaN where nothing is."""
-    known = np.isfinite(values)
-    count = known.sum(axis=axis)
-    total = np.where(known, values, 0.0).sum(axis=axis)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def base(bench: Bench, *, seeds: int = SEEDS) -> Base:

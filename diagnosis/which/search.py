@@ -7,28 +7,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.rooms import draws
 from diagnosis.which.bench import Bench, Table
-from diagnosis.which.candidates import Candidate
-from diagnosis.which.fit import Fit, fit, held_out, places
+from diagnosis.which.fit import Fit, Folds, fit, held_out, places, ranked
 from diagnosis.which.likelihood import Likelihood
-from diagnosis.which.signature import Signature, signature, with_node
+from diagnosis.which.made import Made, stacked
+from diagnosis.which.signature import Signature, signature
+from diagnosis.which.strengths import coarse, fine, sharper
 from sim.effects.effect import Value
 
 MOST = 4  # Effects in one verdict.
-_SHARP = 4  # Candidates that are simulated where they fit best,
-_NEAR = 0.25  # if they gain nearly as much as the best: all but this share.
-_AT_A_NODE = 0.1  # Places from a node within which nothing is simulated anew.
 _PAIRED = 8  # Candidates among which pairs are tried.
 _COARSE = 2  # Places between nodes where pairs are tried.
 _ROUNDS = 3  # Of fitting each effect given the others.
 _LEVEL = 0.9  # Of intervals.
 _DRAWS = 400
+_OF_GAIN = 0.1  # Share of its own gain that an effect has to gain over another.
 _SAME = 0.05  # Chance that a rival is as good, above which it cannot be told apart.
-
-Folds = Sequence[NDArray[np.bool_]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,9 +42,9 @@ class Model:
             one.name: one.value(place) for one, place in zip(self.terms, self.places, strict=True)
         }
 
-    def made(self, *, without: int | None = None) -> Table:
-        """What they make (scenes, features), all or all but one."""
-        total = self.beside.copy()
+    def made(self, *, without: int | None = None) -> Made:
+        """What they make, all or all but one."""
+        total = Made(self.beside)
         for number, (one, place) in enumerate(zip(self.terms, self.places, strict=True)):
             if number != without:
                 total = total + one.at(place)
@@ -91,40 +87,6 @@ class Search:
         return {one.fit.name: one.fit.value for one in self.accepted}
 
 
-def coarse(candidate: Candidate) -> list[Value]:
-    """Nodes at which a candidate is tried first: all words; of numbers, whole ones too, a weak and
-    a strong one to each side.
-
-    A strong one alone would do for effects that grow in proportion; but few do.
-    """
-    if any(isinstance(node, str) for node in candidate.nodes):
-        return list(candidate.nodes)
-    base = float(candidate.base)
-    below = [node for node in candidate.nodes if float(node) < base][::-1]
-    above = [node for node in candidate.nodes if float(node) > base]
-    found = [side[at] for side in (below, above) for at in _tried(len(side))]
-    return sorted(found, key=float)
-
-
-def fine(fit: Fit) -> list[Value]:
-    """Nodes of a candidate that is worth it: all to the side where it fits, else those tried first.
-
-    Args:
-        fit: of those tried first.
-    """
-    candidate = fit.signature.candidate
-    if not candidate.numeric:
-        return list(candidate.nodes)
-    base, tried = float(candidate.base), coarse(candidate)
-    above = float(fit.value) >= base
-    return [node for node in candidate.nodes if node in tried or (float(node) > base) == above]
-
-
-def _tried(count: int) -> list[int]:
-    """Which of so many nodes, from weak to strong, are tried."""
-    return sorted({count // 3, count - 1 - count // 4}) if count else []
-
-
 def search(
     bench: Bench,
     likelihood: Likelihood,
@@ -151,9 +113,9 @@ def search(
         for one in (signature(each.signature.candidate, bench, fine(each)) for each in closer)
         if one is not None
     ]
-    signatures = _sharper(signatures, bench, likelihood, folds, threshold)
+    signatures = sharper(signatures, bench, likelihood, folds, threshold, likelihood.nothing)
     starts = _starts(signatures, likelihood, folds, threshold)
-    nothing = Model((), (), likelihood.nothing)
+    nothing = Model((), (), np.zeros_like(likelihood.gap))
     model = next(filter(None, (_simulated(bench, likelihood, one) for one in starts)), nothing)
     while model.terms and len(model.terms) < MOST:
         wider = _wider(model, bench, likelihood, signatures, folds, threshold)
@@ -178,54 +140,22 @@ def search(
     )
 
 
-def _sharper(
-    signatures: Sequence[Signature],
-    bench: Bench,
-    likelihood: Likelihood,
-    folds: Folds,
-    threshold: float,
-) -> list[Signature]:
-    """Simulate the best alone, and those that come near it, at the strength where each fits.
-
-    Between nodes an effect is only as right as a straight line is, and that must not decide.
-    """
-    ranked = _ranked(signatures, likelihood, folds, likelihood.nothing)[:_SHARP]
-    near = {
-        one.name: one.value
-        for one in ranked
-        if one.total > ranked[0].total - max(threshold, _NEAR * ranked[0].total)
-        and one.signature.candidate.numeric
-        and abs(one.place - round(one.place)) > _AT_A_NODE
-    }
-    return [
-        with_node(one, near[one.name], bench) if one.name in near else one for one in signatures
-    ]
-
-
-def _ranked(
-    signatures: Sequence[Signature], likelihood: Likelihood, folds: Folds, given: Table
-) -> list[Fit]:
-    """Fit every candidate on top of others, those that gain most first."""
-    fits = [fit(one, likelihood, folds, given=given) for one in signatures]
-    return sorted(fits, key=lambda one: -one.total)
-
-
 def _starts(
     signatures: Sequence[Signature], likelihood: Likelihood, folds: Folds, threshold: float
 ) -> list[Model]:
     """Two effects that gain more than any single one, the best such pair first; the best effect."""
-    ranked = _ranked(signatures, likelihood, folds, likelihood.nothing)
-    if not ranked or ranked[0].total < threshold:
+    first = ranked(signatures, likelihood, folds, likelihood.nothing)
+    if not first or first[0].total < threshold:
         return []
-    best = ranked[0]
+    best = first[0]
     pairs: list[tuple[float, Model]] = []
-    for one, other in itertools.combinations(ranked[:_PAIRED], 2):
+    for one, other in itertools.combinations(first[:_PAIRED], 2):
         gain, best_at = _both(one.signature, other.signature, likelihood, folds)
         if gain > best.total + threshold:
             terms = (one.signature, other.signature)
-            pairs.append((gain, Model(terms, best_at, likelihood.nothing)))
+            pairs.append((gain, Model(terms, best_at, np.zeros_like(likelihood.gap))))
     pairs.sort(key=lambda each: -each[0])
-    alone = Model((best.signature,), (best.place,), likelihood.nothing)
+    alone = Model((best.signature,), (best.place,), np.zeros_like(likelihood.gap))
     return [*(model for _, model in pairs), alone]
 
 
@@ -240,7 +170,8 @@ def _wider(
     """Add the effect that gains most, if it gains enough."""
     used = {one.name for one in model.terms}
     rest = [one for one in signatures if one.name not in used]
-    for best in _ranked(rest, likelihood, folds, model.made()):
+    rest = sharper(rest, bench, likelihood, folds, threshold, model.made())
+    for best in ranked(rest, likelihood, folds, model.made()):
         if best.total < threshold:
             break
         wider = Model((*model.terms, best.signature), (*model.places, best.place), model.beside)
@@ -284,11 +215,7 @@ def _both(
     """Fit two effects at once."""
     tried = [places(each, _COARSE) for each in (one, other)]
     pairs = list(itertools.product(*tried))
-    made = [
-        np.stack([each.at(p) for p in at]) for each, at in zip((one, other), tried, strict=True)
-    ]
-    both = (made[0][:, None] + made[1][None]).reshape(len(pairs), *likelihood.gap.shape)
-    cost = likelihood.cost(both)
+    cost = likelihood.cost(stacked([one.at(first) + other.at(second) for first, second in pairs]))
     gain = held_out(cost, likelihood.cost(likelihood.nothing), folds)
     return float(gain.sum()), pairs[int(np.argmin(cost.sum(axis=1)))]
 
@@ -304,7 +231,7 @@ def _simulated(bench: Bench, likelihood: Likelihood, model: Model) -> Model | No
         if together is None:
             return None
         alone = Model(model.terms, model.places, np.zeros_like(together)).made()
-        model = _fitted(likelihood, Model(model.terms, model.places, together - alone))
+        model = _fitted(likelihood, Model(model.terms, model.places, together - alone.change))
     return model
 
 
@@ -333,7 +260,7 @@ def _thinned(bench: Bench, likelihood: Likelihood, model: Model, threshold: floa
         if len(model.terms) < 2:
             break
         kept = [n for n in range(len(model.terms)) if n != number]
-        less = _simulated(bench, likelihood, model.only(kept, likelihood.nothing))
+        less = _simulated(bench, likelihood, model.only(kept, np.zeros_like(model.beside)))
         if less is not None and _gain(likelihood, model, less) < threshold:
             model = less
     return model
@@ -349,11 +276,11 @@ def _accepted(
     threshold: float,
 ) -> Accepted:
     given = model.made(without=number)
-    own = fit(model.terms[number], likelihood, folds, given=given)
     used = {one.name for one in model.terms}
-    others = [
-        fit(one, likelihood, folds, given=given) for one in signatures if one.name not in used
-    ]
+    rest = [one for one in signatures if one.name not in used]
+    own = fit(model.terms[number], likelihood, folds, given=given)
+    rest = sharper(rest, bench, likelihood, folds, threshold, given, gained=own.total)
+    others = [fit(one, likelihood, folds, given=given) for one in rest]
     rooms = [one.room for one in bench.subjects]
     return Accepted(
         fit=own,
@@ -367,13 +294,15 @@ def _rivals(
 ) -> tuple[Fit, ...]:
     """Candidates that gain nearly as much, or about as much room by room.
 
-    As much as an effect has to gain to be named, one has to gain over another to be told from it.
+    As much as an effect has to gain to be named, one has to gain over another to be told from it;
+    and a share of all that it gains, as no effect is simulated as it truly is.
     """
+    margin = max(threshold, _OF_GAIN * own.total)
     times = draws(rooms, _DRAWS, np.random.default_rng(0))
     found = [
         other
         for other in others
-        if other.total > max(0.0, own.total - threshold)
+        if other.total > max(0.0, own.total - margin)
         or (other.total > 0 and np.mean(times @ (other.gain - own.gain) >= 0) > _SAME)
     ]
     return tuple(sorted(found, key=lambda one: -one.total))

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.which.bench import Bench, Table
+from diagnosis.which.bench import Bench, Row
 from diagnosis.which.candidates import Candidate
+from diagnosis.which.made import Made
 from sim.effects.effect import Value
 
 
@@ -20,17 +21,25 @@ class Signature:
     candidate: Candidate
     values: tuple[Value, ...]  # Nodes that could be simulated, the base among them.
     change: NDArray[np.float64]  # (values, scenes, features), zeros at the base.
+    # (values, features) deviation of that from device to device and exposure to exposure; None of
+    # what is the same in all.
+    scatter: NDArray[np.float64] | None = None
 
     @property
     def name(self) -> str:
         """The candidate's."""
         return self.candidate.name
 
-    def at(self, place: float) -> Table:
-        """Change at a place between the values: 0 is the first, 1.5 halfway to the third."""
+    def at(self, place: float) -> Made:
+        """What it makes at a place between the values: 0 is the first, 1.5 halfway to the third."""
         below = min(int(place), len(self.values) - 2)
         share = place - below
-        return (1 - share) * self.change[below] + share * self.change[below + 1]
+        change = (1 - share) * self.change[below] + share * self.change[below + 1]
+        if self.scatter is None:
+            return Made(change)
+        return Made(
+            change, ((1 - share) * self.scatter[below] + share * self.scatter[below + 1]) ** 2
+        )
 
     def value(self, place: float) -> Value:
         """Parameter at a place; of words the nearest."""
@@ -68,12 +77,19 @@ def signature(
         return None
     values = [node for node, _ in known]
     changes = [change for _, change in known]
+    scatter = [bench.scatter({candidate.name: node}) for node in values]
     place = 0
     if candidate.numeric:
         place = int(np.searchsorted(np.array(values, float), float(candidate.base)))
     values.insert(place, candidate.base)
     changes.insert(place, np.zeros_like(changes[0]))
-    return Signature(candidate, tuple(values), np.stack(changes))
+    return Signature(candidate, tuple(values), np.stack(changes), _stacked(scatter, place))
+
+
+def _stacked(scatter: Sequence[Row | None], place: int) -> NDArray[np.float64] | None:
+    """One above the other, with zeros at the base's place."""
+    told = [one for one in scatter if one is not None]
+    return np.insert(np.stack(told), place, 0.0, axis=0) if told else None
 
 
 def with_node(of: Signature, value: Value, bench: Bench) -> Signature:

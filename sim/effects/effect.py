@@ -53,3 +53,4 @@ class Effect:
     confused_with: tuple[str, ...]  # Names of rows that look alike.
     source: str
     rerender: str = ""  # Why a new render is needed; empty: the layers stay.
+    drawn: bool = False  # Whether devices, or exposures, have each their own by lot.

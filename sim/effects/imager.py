@@ -31,7 +31,7 @@ _EXPOSURE = Effect(
     shows="All levels above black scale, noise by its root: at 2 ms instead of 8.5 ms the mean "
     "falls from 32 to 11 DN and temporal disparity noise rises from 0.09 to 0.13 px; at 33 ms 4 % "
     "of the pixels are full. Few holes either way until dots are full or lost.",
-    confused_with=("gain", "auto_exposure", "saturation", "projector_power"),
+    confused_with=("gain", "auto_exposure", "saturation", "projector_power", "nir_reflectance"),
     source="8.5 ms and 33 ms: librealsense presets.cpp; 1 frame at 30 Hz at most",
 )
 
@@ -53,6 +53,7 @@ _GAIN = Effect(
         "projector_power",
         "auto_exposure",
         "gamma",
+        "quantisation",
     ),
     source=f"Register 16 to 248 over 16 (librealsense presets.cpp; {_OV9281}: 0x10 to 0xff)",
 )
@@ -116,6 +117,7 @@ _PRNU = Effect(
     "temporal noise does not grow (0.066 to 0.061 px); at 10 % 0.7 % more holes.",
     confused_with=("dsnu", "column_noise", "laser_speckle"),
     source=f"{_EMVA}; {_IMX900}: 0.7 to 0.8 %; Sony IMX492 (EMVA report by LUCID): 0.62 %",
+    drawn=True,
 )
 
 _DARK_CURRENT = Effect(
@@ -144,6 +146,7 @@ _DSNU = Effect(
     "temporal noise not at all.",
     confused_with=("prnu", "read_noise", "column_noise", "hot_pixels"),
     source=f"{_EMVA}; {_IMX900}: 3.7 electrons (1.3 at high conversion gain); IMX492: 0.97",
+    drawn=True,
 )
 
 _COLUMN_NOISE = Effect(
@@ -158,6 +161,7 @@ _COLUMN_NOISE = Effect(
     "standing error from 0.106 to 0.179 px and cost 0.3 % of the depth.",
     confused_with=("dsnu", "prnu", "row_noise"),
     source=f"{_EMVA}, column variance (release 4.0); range assumed",
+    drawn=True,
 )
 
 _ROW_NOISE = Effect(
@@ -172,6 +176,7 @@ _ROW_NOISE = Effect(
     "same along the whole search.",
     confused_with=("read_noise", "column_noise"),
     source=f"{_EMVA}, row variance; bands on an OV9282 by its supply (luxonis/depthai-core#740)",
+    drawn=True,
 )
 
 _HOT_PIXELS = Effect(
@@ -186,6 +191,7 @@ _HOT_PIXELS = Effect(
     "holes, in spots of the matcher's window.",
     confused_with=("dsnu",),
     source=f"{_EMVA}, defect pixels; 1e-5 to 1e-3 is typical, assumed",
+    drawn=True,
 )
 
 _SATURATION = Effect(
@@ -198,7 +204,15 @@ _SATURATION = Effect(
     shows="Flat-topped dots where it is near or shiny. A smaller well is a larger gain, exactly: "
     "with auto exposure 2000 electrons instead of 10000 double the noise (1.2 to 2.7 DN, disparity "
     "0.066 to 0.10 px) and saturate as much as before.",
-    confused_with=("gain", "exposure", "shot_noise", "blooming", "auto_exposure"),
+    confused_with=(
+        "gain",
+        "exposure",
+        "shot_noise",
+        "blooming",
+        "auto_exposure",
+        "nir_reflectance",
+        "quantisation",
+    ),
     source=f"{_EMVA}, saturation capacity; {_IMX900}: 9458 electrons (2183 at high conversion "
     "gain)",
 )

@@ -152,7 +152,7 @@ POSITION = Effect(
         "still agree. Stereo depth has no bias (walls: under 0.01 px) but other noise; shadows "
         "of the projector get wider or narrower."
     ),
-    confused_with=("projector_rotation", "wrong_pattern", "pattern_scale"),
+    confused_with=("projector_rotation", "wrong_pattern", "pattern_scale", "projector_field"),
     source="parallax; public simulators of one camera put its projector at 28, 41 and 0 mm",
     rerender=pattern.RERENDER,
 )
@@ -243,6 +243,7 @@ SPECKLE = Effect(
     ),
     confused_with=("prnu", "shot_noise"),
     source=f"{_GOODMAN}; C = 1/sqrt(N): J. Opt. Soc. Am. 66 (1976) 1145",
+    drawn=True,
 )
 
 FLICKER = Effect(
@@ -267,6 +268,7 @@ FLICKER = Effect(
     ),
     confused_with=("projector_power", "auto_exposure"),
     source="log-normal, assumed: a power is positive",
+    drawn=True,
 )
 
 WAVELENGTH = Effect(

@@ -71,7 +71,7 @@ _COST = (
         "more than 1 px against 0.88 %), edges tighter (holes near edges 12.8 % against 16.2 %). "
         "Larger: holes 2.2 % at 11 px; by theory near surfaces grow by half the window, whatever "
         "the depth.",
-        confused_with=("support_window", "presmooth", "cost_mix"),
+        confused_with=("support_window", "presmooth", "cost_mix", "median", "pixel_locking"),
         source="Zabih and Woodfill 1994, ECCV; window 9 in librealsense presets.cpp",
     ),
     _row(
@@ -84,7 +84,7 @@ _COST = (
         law="cost = census bits + weight min(|left - right|, cap)",
         shows="Almost nothing on a matched pair: 0.104 px against the device at 0, 0.108 at 1 "
         "bit/DN; 0.88 and 0.91 % off.",
-        confused_with=("census_window",),
+        confused_with=("census_window", "presmooth", "small_penalty", "median", "pixel_locking"),
         source=f"{_AD_CENSUS}; lambdas in librealsense presets.cpp",
     ),
     _row(
@@ -107,7 +107,7 @@ _COST = (
         law="Gaussian of that standard deviation on both images",
         shows="Infrared unchanged, unlike a blurred lens. 0: off 0.98 %, in dark areas. 1.5 px: "
         "0.96 % off, 0.127 px against the device where 0.104 was.",
-        confused_with=("lens_blur", "census_window"),
+        confused_with=("lens_blur", "census_window", "support_window", "pixel_locking"),
         source="decision 0003",
     ),
     _row(
@@ -201,7 +201,7 @@ _CHECKS = (
         law="refused if disparities in 3x3 pixels span more than largest",
         shows="A line of holes along all edges, right and lower ones too, where nothing is "
         "hidden. Off, only the left-hand shadows remain (11 % near edges against 16 %).",
-        confused_with=("left_right_threshold",),
+        confused_with=("left_right_threshold", "uniqueness"),
         source="decision 0003, the device's gaps at edges",
     ),
     _row(
@@ -227,7 +227,14 @@ _REFINEMENT = (
         law="d = median over side x side",
         shows="Off: single wrong winners, which the checks then remove (2.16 % holes against 2.04 "
         "%).",
-        confused_with=("smoothing_mean", "speckle_filter"),
+        confused_with=(
+            "smoothing_mean",
+            "speckle_filter",
+            "presmooth",
+            "support_window",
+            "spatial_filter",
+            "pixel_locking",
+        ),
         source="Hirschmueller 2008, section 2.6",
     ),
     _row(
@@ -280,7 +287,7 @@ _REFINEMENT = (
         shows="Disparity error against the fraction of d is a sine of amplitude a; a plane "
         "ripples, crowding at whole disparities. Spread 0.222 px at 0.08, 0.251 at 0.15. Holes "
         "stay.",
-        confused_with=("subpixel_steps",),
+        confused_with=("subpixel_steps", "support_window"),
         source="Shimizu and Okutomi 2005, IJCV 63(3); Haller et al. 2010, ITSC; Grunnet-Jepsen et "
         "al., Subpixel linearity improvement (3 to 5 times better by its correction)",
     ),

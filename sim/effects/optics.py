@@ -291,7 +291,7 @@ FOCAL_SCALE = Effect(
         "table at 1.3 m), depth in proportion to z; things seem that much wider too, so a tilted "
         "plane errs evenly, by what it has at the principal point. A baseline error does neither."
     ),
-    confused_with=("baseline_error", "disparity_offset", "model_scale", "yaw"),
+    confused_with=("baseline_error", "disparity_offset", "model_scale", "yaw", "pattern_scale"),
     source=(
         "Calvert 2018, Improving the depth map accuracy of RealSense cameras: one D435 read "
         "980.7 mm at 1000 mm, a million readings averaged"

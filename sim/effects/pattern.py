@@ -60,6 +60,7 @@ DROPPED = Effect(
     confused_with=("projector_power", "wrong_pattern", "projector_field", "shifted_dots"),
     source="binomial draw; the share is a device's own, no source gives one",
     rerender=RERENDER,
+    drawn=True,
 )
 
 SHIFTED = Effect(
@@ -85,6 +86,7 @@ SHIFTED = Effect(
     confused_with=("wrong_pattern", "dropped_dots"),
     source="normal deviates, assumed",
     rerender=RERENDER,
+    drawn=True,
 )
 
 WRONG_PATTERN = Effect(

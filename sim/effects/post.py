@@ -159,7 +159,7 @@ _HOLE_FILLING = Effect(
     "with nearest on one real room), but for the first column, or with left the band that has no "
     "overlap. Filled runs equal a neighbour bit for bit and smear to the right and downwards; "
     "depth that was there is untouched.",
-    confused_with=("temporal_filter", "decimation"),
+    confused_with=("temporal_filter", "decimation", "left_right_threshold"),
     source=f"{_PAGE}: modes 0 (left), 1 (farthest, default), 2 (nearest)",
 )
 

@@ -11,10 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis.which import arm, null, search
+from diagnosis.which import null, search
 from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit, folds
 from diagnosis.which.likelihood import Likelihood, weights
+from diagnosis.which.made import Made
 from diagnosis.which.null import Base
 from diagnosis.which.signature import Signature
 from sim import effects
@@ -72,8 +73,11 @@ class FakeBench:
         table = np.zeros((SCENES, FEATURES))
         for name, value in settings.items():
             one = self.made[name]
-            table += one.at(float(np.interp(value, VALUES, range(len(VALUES)))))
+            table += one.at(float(np.interp(value, VALUES, range(len(VALUES))))).change
         return table + self.together * (len(settings) > 1)
+
+    def scatter(self, settings: dict[str, Any]) -> None:
+        return None
 
 
 def reading(settings: dict[str, float], seed: int, bench: FakeBench | None = None) -> np.ndarray:
@@ -89,8 +93,8 @@ def likelihood_of(settings: dict[str, float], seed: int, **others: Any) -> Likel
 def test_places_lie_between_the_values():
     one = SIGNATURES[0]
     assert one.value(1.5) == pytest.approx(0.35)
-    np.testing.assert_allclose(one.at(1.5), 0.5 * (one.change[1] + one.change[2]))
-    assert (one.at(0) == 0).all()
+    np.testing.assert_allclose(one.at(1.5).change, 0.5 * (one.change[1] + one.change[2]))
+    assert (one.at(0).change == 0).all()
 
 
 def test_folds_hold_every_room_out_once():
@@ -132,17 +136,17 @@ def test_what_is_fitted_to_its_base_is_not_named():
     bench: Any = FakeBench()
     likelihood = likelihood_of({"crosstalk": 0.4}, 7)
     terms = (MADE["crosstalk"], MADE["veil"])
-    both = search.Model(terms, (1.67, 0.0), likelihood.nothing)
+    both = search.Model(terms, (1.67, 0.0), likelihood.nothing.change)
     found = search._thinned(bench, likelihood, both, null.LEAST_GAIN)
     assert list(found.settings) == ["crosstalk"]
-    np.testing.assert_array_equal(found.made(), both.made())
+    np.testing.assert_array_equal(found.made().change, both.made().change)
 
 
 def test_another_number_of_an_accepted_effect_is_found_where_more_is_left():
     row = effects.named("second_projector")
     first = dataclasses.replace(candidate("veil"), name=row.name, effect=row)
     shines = dataclasses.replace(MADE["veil"], candidate=first)
-    bench = WithPartner({**MADE, row.name: shines})
+    bench: Any = WithPartner({**MADE, row.name: shines})
     second = Candidate(
         name="second_projector.x", effect=row, arm=Arm.IMAGE, base=0.0, nodes=(-0.5, 0.25, 0.5)
     )
@@ -152,13 +156,11 @@ def test_another_number_of_an_accepted_effect_is_found_where_more_is_left():
     idle = Signature(second, (-0.5, 0.0, 0.25, 0.5), np.zeros((4, SCENES, FEATURES)))
     alone = [*closer, fit(idle, likelihood, HELD)]
     how: Any = {"threshold": null.LEAST_GAIN}
-    found = search.search(bench, likelihood, closer, alone, HELD, **how)  # type: ignore[arg-type]
+    found = search.search(bench, likelihood, closer, alone, HELD, **how)
     assert list(found.settings) == ["second_projector", "second_projector.x"]
     assert found.settings["second_projector.x"] == pytest.approx(0.4, abs=0.06)
     assert found.after < 0.2 * found.before
-    enough = search.search(  # type: ignore[arg-type]
-        bench, likelihood, closer, alone, HELD, explained_below=1e6, **how
-    )
+    enough = search.search(bench, likelihood, closer, alone, HELD, explained_below=1e6, **how)
     assert list(enough.settings) == ["second_projector"]
 
 
@@ -172,7 +174,7 @@ def test_the_interval_of_a_choice_holds_what_cannot_be_told_apart():
     change[2] = change[1]
     chosen = Signature(one, words, change)
     for word, ends in (("left", ("left", "farthest")), ("nearest", ("nearest", "nearest"))):
-        gap = noise(9) + chosen.at(words.index(word))
+        gap = noise(9) + chosen.at(words.index(word)).change
         found = fit(chosen, BASE.likelihood(gap, ONES), HELD)
         assert found.interval(ROOMS, level=0.9, seed=0) == ends
     window = effects.named("census_window")
@@ -287,7 +289,7 @@ def searched(
 def test_an_effect_is_simulated_where_it_fits_before_others_are_preferred():
     """Between its nodes it does more than a straight line; a rival's node is right by chance."""
     aside = np.random.default_rng(5).standard_normal((SCENES, FEATURES))
-    rival = np.stack([value / 0.2 * MADE["veil"].at(1.5) for value in VALUES])
+    rival = np.stack([value / 0.2 * MADE["veil"].at(1.5).change for value in VALUES])
     rival[1] += 0.05 * aside
 
     class Bent(FakeBench):
@@ -315,59 +317,6 @@ def test_an_effect_and_its_double_cannot_be_told_apart():
     assert names == {"lens_blur", "dot_blur"}
 
 
-def test_first_tries_are_weak_and_strong_ones_to_each_side():
-    assert search.coarse(candidate("veil")) == [0.5, 1.0]
-    sides = Candidate(
-        name="roll", effect=effects.named("roll"), arm=Arm.IMAGE, base=0.0, nodes=(-2, -1, 1, 3)
-    )
-    assert search.coarse(sides) == [-2, -1, 1, 3]
-    whole = dataclasses.replace(
-        candidate("search_range"), base=128, nodes=(16, 32, 48, 64, 80, 96, 112, 144, 160)
-    )
-    assert search.coarse(whole) == [32, 80, 144, 160]
-    words = Candidate(
-        name="hole_filling",
-        effect=effects.named("hole_filling"),
-        arm=Arm.DEPTH,
-        base="off",
-        nodes=("left", "nearest"),
-    )
-    assert search.coarse(words) == ["left", "nearest"]
-
-
-@pytest.mark.parametrize("drawn, left", [(0.0, 0.0), (1.0, 0.5)])
-def test_what_is_drawn_anew_leaves_some_of_itself(drawn, left):
-    """A light of 1 +- 1 by the device; one that keeps still leaves nothing, as no effect does."""
-
-    class Bench:
-        def another(self, settings: dict[str, float], *, number: int) -> np.ndarray:
-            made = 1 + drawn * (-1) ** number if settings else 0
-            return made * np.ones((SCENES, FEATURES)) + noise(number)
-
-        def change(self, settings: dict[str, float]) -> np.ndarray:
-            return self.another(settings, number=0) - self.another({}, number=0)
-
-    likelihood = BASE.likelihood(noise(3), ONES)
-    size = arm._drawn_anew(Bench(), likelihood, {"flicker": 0.1})  # type: ignore[arg-type]
-    assert size == pytest.approx(0, abs=1e-9) if left == 0 else size > left
-    assert arm._drawn_anew(Bench(), likelihood, {}) == 0  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("side, nodes", [(1, (-3, -2, 1, 2, 3)), (-1, (-3, -2, -1, 2, 3))])
-def test_the_side_that_fits_is_looked_at_closer(side, nodes):
-    roll = Candidate(
-        name="roll",
-        effect=effects.named("roll"),
-        arm=Arm.IMAGE,
-        base=0.0,
-        nodes=(-3, -2, -1, 1, 2, 3),
-    )
-    grows = np.outer([-3, -2, 0, 2, 3], np.ones(SCENES))[..., None] * np.ones(FEATURES)
-    rough = Signature(roll, (-3, -2, 0.0, 2, 3), 0.1 * grows)
-    likelihood = BASE.likelihood(side * 0.15 + noise(3), ONES)
-    assert tuple(search.fine(fit(rough, likelihood, HELD))) == nodes
-
-
 def test_features_that_move_alike_share_one_vote():
     rng = np.random.default_rng(3)
     own = rng.standard_normal((30, SCENES, 3))
@@ -391,9 +340,9 @@ def test_a_feature_that_is_not_known_tells_nothing(gap, missing):
     kept = [number for number in range(3) if number != missing]
     other = Likelihood(values[:, kept], deviation[:, kept], ones[kept])
     change = np.array([[0.5, -1.0, 2.0]])
-    np.testing.assert_allclose(likelihood.cost(change), other.cost(change[:, kept]))
+    np.testing.assert_allclose(likelihood.cost(Made(change)), other.cost(Made(change[:, kept])))
     # What an effect makes unknown counts as if it had done nothing.
     change[0, kept[0]] = np.nan
     same = change.copy()
     same[0, kept[0]] = 0
-    np.testing.assert_allclose(likelihood.cost(change), likelihood.cost(same))
+    np.testing.assert_allclose(likelihood.cost(Made(change)), likelihood.cost(Made(same)))

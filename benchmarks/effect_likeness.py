@@ -1,0 +1,72 @@
+"""Which effects do the same to what the diagnosis looks at: measured, beside what their pages say.
+
+Likeness is the cosine of two effects' changes of all features of all scenes, over their deviations
+and with their votes, at the strengths of the screening that are most alike. From 0.95 on each
+explains 90 % of what the other makes: a page that does not name the other is wrong. Such pairs are
+printed, with a star where neither page names the other. Scenes have to be of development alone.
+
+Usage:
+    python benchmarks/effect_likeness.py CAPTURES --sensor FILE [--cache FOLDER] [--least 0.95]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from diagnosis import families, named
+from diagnosis.subject import subject
+from diagnosis.which.arm import Screen
+from sim import capture, effects, progress, sensors
+from sim.effects import setting
+
+_SEEN = 1.0  # Length of a change in deviations, below which it has no direction.
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("captures", type=Path)
+    parser.add_argument("--sensor", required=True)
+    parser.add_argument("--cache", type=Path)
+    parser.add_argument("--least", type=float, default=0.95)
+    asked = parser.parse_args()
+    sensor = sensors.load(asked.sensor)
+    subjects = [subject(scene, sensor) for scene in capture.open_set(asked.captures).scenes]
+    chosen, _ = named.parted(subjects)
+    for arm in named.open_arms(subjects, chosen):
+        with progress.on_stderr() as tell:
+            _, screen = named.screened(arm, chosen, None, always=True, cache=asked.cache, tell=tell)
+        print(f"{arm.value}:")
+        for likeness, one, other in pairs(screen, asked.least):
+            known = other in families.twins(effects.named(one))
+            print(f"  {likeness:.2f} {one}, {other}{'' if known else ' *'}")
+
+
+def pairs(screen: Screen, least: float) -> Iterator[tuple[float, str, str]]:
+    """Pairs of rows of different families that are so alike, the most alike first."""
+    votes = np.sqrt(screen.weight)
+    names, directions = [], []
+    for one in screen.rough:
+        for change in one.change:
+            moved = (np.nan_to_num(change / screen.base.deviation) * votes).ravel()
+            length = float(np.linalg.norm(moved))
+            if length > _SEEN:
+                names.append(setting.parameter_of(one.name)[0])
+                directions.append(moved / length)
+    cosines = np.stack(directions) @ np.stack(directions).T
+    found: dict[tuple[str, str], float] = {}
+    for first, second in zip(*np.nonzero(cosines >= least), strict=True):
+        one, other = names[first], names[second]
+        if one.name < other.name and one.family != other.family:
+            key = (one.name, other.name)
+            found[key] = max(found.get(key, 0.0), float(cosines[first, second]))
+    for (one, other), likeness in sorted(found.items(), key=lambda each: -each[1]):
+        yield likeness, one, other
+
+
+if __name__ == "__main__":
+    main()

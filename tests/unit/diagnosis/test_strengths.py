@@ -1,0 +1,155 @@
+"""What effects make, drawn by lot or not, and at which strengths they are simulated."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis.which import strengths
+from diagnosis.which.bench import Bench, Columns
+from diagnosis.which.candidates import Arm, Candidate
+from diagnosis.which.fit import fit
+from diagnosis.which.made import Made, stacked
+from diagnosis.which.null import LEAST_GAIN
+from diagnosis.which.signature import Signature
+from diagnosis.which.signature import signature as simulated_signature
+from sim import effects
+from sim.effects.effect import Value
+from tests.unit.diagnosis.test_fit import (
+    BASE,
+    FEATURES,
+    HELD,
+    ONES,
+    SCENES,
+    FakeBench,
+    candidate,
+    noise,
+)
+
+
+class Lots(Bench):
+    """A base of noise, and effects that add 1 in one device, and 1 + 0.4 k in others."""
+
+    def simulated(self, settings: Mapping[str, Value], *, seed: int = 0) -> np.ndarray:
+        return noise(seed) + bool(settings)
+
+    def another(self, settings: Mapping[str, Value], *, number: int) -> np.ndarray:
+        return noise(number) + bool(settings) * (1 + 0.4 * number)
+
+
+def lots(arm: Arm) -> Lots:
+    return Lots((), Columns(arm=arm, names=(), ceiling=255))
+
+
+def test_what_is_drawn_by_lot_is_a_mean_that_scatters():
+    """Draws of 1, 1.4, 1.8, 2.2; one more differs by their variance and by that of their mean."""
+    assert lots(Arm.IMAGE).change({"flicker": 0.1}) == pytest.approx(
+        np.full((SCENES, FEATURES), 1.6)
+    )
+    scatter = lots(Arm.IMAGE).scatter({"flicker": 0.1})
+    assert scatter is not None and scatter.shape == (FEATURES,)
+    np.testing.assert_allclose(scatter, np.std([1, 1.4, 1.8, 2.2], ddof=1) * np.sqrt(1 + 1 / 4))
+    for arm, name in ((Arm.IMAGE, "veil"), (Arm.DEPTH, "flicker")):
+        assert lots(arm).change({name: 0.1}) == pytest.approx(np.ones((SCENES, FEATURES)))
+        assert lots(arm).scatter({name: 0.1}) is None
+    made = simulated_signature(
+        dataclasses.replace(candidate("flicker"), nodes=(0.5, 1.0)), lots(Arm.IMAGE), (0.5, 1.0)
+    )
+    assert made is not None
+    np.testing.assert_allclose(made.at(0.5).change, 0.8)
+    np.testing.assert_allclose(made.at(0.5).scatter, (0.5 * scatter) ** 2)
+
+
+def test_a_draw_that_another_device_has_is_explained():
+    """A level of 0 +- 0.5 by the scene: as a change of none of these sizes, all is left."""
+    drawn = 0.5 * np.random.default_rng(4).standard_normal((SCENES, 1))
+    likelihood = BASE.likelihood(noise(3) + drawn, ONES)
+    values, still = (0.0, 1.0), np.zeros((2, SCENES, FEATURES))
+    scatter = np.outer(values, 0.5 * ONES)
+    moving = Signature(candidate("flicker"), values, still, scatter)
+    found = fit(moving, likelihood, HELD)
+    assert found.total > 100 and found.value == pytest.approx(1, abs=0.4)
+    assert likelihood.size(moving.at(1.0)) < 1.5 < likelihood.size(likelihood.nothing)
+    assert fit(Signature(candidate("flicker"), values, still), likelihood, HELD).total == 0
+
+
+def test_what_effects_make_adds_up():
+    one, other = Made(np.ones((2, 3)), np.full((1, 3), 0.5)), Made(np.full((2, 3), 2.0))
+    both = one + other
+    assert (both.change == 3).all() and np.all(both.scatter == 0.5 * np.ones((1, 3)))
+    row = stacked([one, other])
+    assert row.change.shape == (2, 2, 3)
+    assert np.shape(row.scatter) == (2, 1, 3)
+    assert (np.asarray(row.scatter)[:, 0] == [[0.5] * 3, [0.0] * 3]).all()
+
+
+def test_first_tries_are_weak_and_strong_ones_to_each_side():
+    assert strengths.coarse(candidate("veil")) == [0.5, 1.0]
+    sides = Candidate(
+        name="roll", effect=effects.named("roll"), arm=Arm.IMAGE, base=0.0, nodes=(-2, -1, 1, 3)
+    )
+    assert strengths.coarse(sides) == [-2, -1, 1, 3]
+    whole = dataclasses.replace(
+        candidate("search_range"), base=128, nodes=(16, 32, 48, 64, 80, 96, 112, 144, 160)
+    )
+    assert strengths.coarse(whole) == [32, 80, 144, 160]
+    words = Candidate(
+        name="hole_filling",
+        effect=effects.named("hole_filling"),
+        arm=Arm.DEPTH,
+        base="off",
+        nodes=("left", "nearest"),
+    )
+    assert strengths.coarse(words) == ["left", "nearest"]
+
+
+@pytest.mark.parametrize("side, nodes", [(1, (-3, -2, 1, 2, 3)), (-1, (-3, -2, -1, 2, 3))])
+def test_the_side_that_fits_is_looked_at_closer(side, nodes):
+    roll = Candidate(
+        name="roll",
+        effect=effects.named("roll"),
+        arm=Arm.IMAGE,
+        base=0.0,
+        nodes=(-3, -2, -1, 1, 2, 3),
+    )
+    grows = np.outer([-3, -2, 0, 2, 3], np.ones(SCENES))[..., None] * np.ones(FEATURES)
+    rough = Signature(roll, (-3, -2, 0.0, 2, 3), 0.1 * grows)
+    likelihood = BASE.likelihood(side * 0.15 + noise(3), ONES)
+    assert tuple(strengths.fine(fit(rough, likelihood, HELD))) == nodes
+
+
+class Bent(FakeBench):
+    """Between its nodes the effect points elsewhere than a straight line between them."""
+
+    def change(self, settings: dict[str, Any]) -> np.ndarray | None:
+        value = float(settings.get("veil", 0.0))
+        turn = np.arange(FEATURES) < FEATURES * value
+        return np.where(turn, 1.0, -1.0) * value * np.ones((SCENES, 1))
+
+
+def bent(value: float, nodes: tuple[float, ...]) -> tuple[Signature, float, float]:
+    """Its signature, sharpened for a strength, where it then fits, and what it gains."""
+    bench: Any = Bent()
+    change = bench.change({"veil": value})
+    likelihood = BASE.likelihood(change + noise(5), ONES)
+    one = simulated_signature(candidate("veil"), bench, nodes)
+    assert one is not None
+    (sharp,) = strengths.sharper([one], bench, likelihood, HELD, LEAST_GAIN, likelihood.nothing)
+    found = fit(sharp, likelihood, HELD)
+    return sharp, float(found.value), found.total - fit(one, likelihood, HELD).total
+
+
+@pytest.mark.parametrize("value", [0.4, 0.55, 0.8])
+def test_an_effect_is_simulated_until_it_fits_where_it_is_simulated(value):
+    sharp, found, gained = bent(value, (0.1, 1.0))
+    assert found == pytest.approx(value, rel=0.2) and gained > LEAST_GAIN
+    assert 3 < len(sharp.values) <= 6
+
+
+def test_what_fits_at_a_node_with_near_neighbours_is_not_simulated_again():
+    sharp, found, gained = bent(0.5, (0.45, 0.5, 0.55))
+    assert found == pytest.approx(0.5, rel=0.02) and len(sharp.values) == 4 and gained == 0
