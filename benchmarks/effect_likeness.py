@@ -39,7 +39,7 @@ def main() -> None:
     chosen, _ = named.parted(subjects)
     for arm in named.open_arms(subjects, chosen):
         with progress.on_stderr() as tell:
-            _, screen = named.screened(arm, chosen, None, always=True, cache=asked.cache, tell=tell)
+            _, screen = named.screened(arm, chosen, always=True, cache=asked.cache, tell=tell)
         print(f"{arm.value}:")
         for likeness, one, other in pairs(screen, asked.least):
             known = other in families.twins(effects.named(one))

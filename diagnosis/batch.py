@@ -1,11 +1,12 @@
 """Diagnosis of many capture sets of the same scenes, which is given nothing but these.
 
     python -m diagnosis.batch CASES OUT --sensor FILE [--against SET] [--cache FOLDER]
-                                                      [--without FILE [--twins]]
+                                                      [--without FILE]
 
-CASES holds capture sets in folders of their own; OUT gets a verdict FOLDER.json for each. Verdicts
-that are there stay, so a run that was stopped goes on where it was. What effects do to the scenes
-is simulated once for all. `starling diagnose` says more of one capture set.
+CASES holds capture sets in folders of their own; OUT gets a verdict FOLDER.json for each, or two in
+`without family` and `without twins` where an effect is not to be tried. Verdicts that are there
+stay, so a run that was stopped goes on where it was. What effects do to the scenes is simulated
+once for all. `starling diagnose` says more of one capture set.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from diagnosis.reading import Reading, read
 from diagnosis.report import figures
 from diagnosis.scene_pairs import scene_pairs
 from diagnosis.subject import Subject, retaken, subject
+from diagnosis.which import arm as arms
 from diagnosis.which import rivals
 from diagnosis.which.arm import Found, Screen
 from diagnosis.which.bench import Bench
@@ -33,7 +35,7 @@ from sim import capture, effects, output, progress, record, sensors
 from sim.capture import CapturedScene, CaptureSet
 from sim.sensor import Sensor
 
-Kept = dict[tuple[Arm, str | None], tuple[Bench, Screen]]
+Kept = dict[Arm, tuple[Bench, Screen]]
 
 
 def diagnose(
@@ -44,20 +46,19 @@ def diagnose(
     against: CaptureSet | None = None,
     cache: Path | None = None,
     without: dict[str, str] | None = None,
-    twins: bool = False,
     tell: progress.Progress = progress.silent,
 ) -> None:
     """Write a verdict for every capture set that has none yet.
 
     Args:
         cases: folder of capture sets of the same scenes.
-        out: folder of verdicts; made where there is none.
+        out: folder of verdicts, or of both folders of them; made where there is none.
         sensor: that all of them should be captures of.
         against: capture set that each is compared with in place of simulated captures.
         cache: folder that keeps what is simulated, for other runs.
-        without: by capture set an effect whose family is not to be tried; then only those named
-            here are diagnosed.
-        twins: nor the families of effects that it is confused with, as the table says.
+        without: by capture set an effect whose family is not to be tried, and in a second verdict
+            nor those of effects that it is confused with, as the table says; then only the capture
+            sets named here are diagnosed.
         tell: wraps the loop over capture sets.
 
     Raises:
@@ -67,7 +68,7 @@ def diagnose(
     folders = program.capture_sets(cases)
     if without is not None:
         folders = [folder for folder in folders if folder.name in without]
-    todo = [folder for folder in folders if not (out / f"{folder.name}.json").exists()]
+    todo = [folder for folder in folders if _missing(out, folder.name, without)]
     others = {} if against is None else {one.name: read(one, sensor) for one in against.scenes}
     subjects: list[Subject] = []
     kept: Kept = {}
@@ -76,31 +77,37 @@ def diagnose(
         pairs = scene_pairs(capture.open_set(folder), against).pairs
         subjects = _subjects(folder.name, pairs, sensor, subjects, others)
         asked, locked = named.parted(subjects)
-        left_out = None if without is None else without[folder.name]
-        tried = _families(left_out, twins=twins)
-        screens = [
-            _screened(arm, asked, left_out, tried, kept, cache)
-            for arm in named.open_arms(subjects, asked)
-        ]
-        found = named.named(screens, locked)
-        told = {**_told(found, seed=number), "seconds": round(time.perf_counter() - begun, 3)}
-        output.write_file(out / f"{folder.name}.json", record.dumps(figures.plain(told)).encode())
+        screens = [_screened(arm, asked, kept, cache) for arm in named.open_arms(subjects, asked)]
+        for path, tried in _missing(out, folder.name, without).items():
+            part = [(table, arms.of_families(screen, tried)) for table, screen in screens]
+            found = named.named(part, locked)
+            told = {**_told(found, seed=number), "seconds": round(time.perf_counter() - begun, 3)}
+            output.write_file(path, record.dumps(figures.plain(told)).encode())
+            begun = time.perf_counter()
+
+
+def _missing(out: Path, case: str, without: Mapping[str, str] | None) -> dict[Path, frozenset[str]]:
+    """Verdicts that a capture set has not yet, and the families that are tried for each."""
+    every = frozenset(row.family for row in effects.table())
+    tables = {out: every}
+    if without is not None:
+        gone = effects.named(without[case])
+        alike = {effects.named(name).family for name in families.twins(gone)}
+        rest = every - {gone.family}
+        tables = {out / "without family": rest, out / "without twins": rest - alike}
+    paths = {folder / f"{case}.json": tried for folder, tried in tables.items()}
+    return {path: tried for path, tried in paths.items() if not path.exists()}
 
 
 def _screened(
-    arm: Arm,
-    asked: Sequence[Subject],
-    left_out: str | None,
-    tried: Sequence[str] | None,
-    kept: Kept,
-    cache: Path | None,
+    arm: Arm, asked: Sequence[Subject], kept: Kept, cache: Path | None
 ) -> tuple[Bench, Screen]:
     """Screen an arm once for all capture sets; what is matched again is each one's own."""
     if arm is Arm.DEPTH:
-        return named.screened(arm, asked, tried)
-    if (arm, left_out) not in kept:
-        kept[arm, left_out] = named.screened(arm, asked, tried, cache=cache)
-    table, screen = kept[arm, left_out]
+        return named.screened(arm, asked)
+    if arm not in kept:
+        kept[arm] = named.screened(arm, asked, cache=cache)
+    table, screen = kept[arm]
     return table.of(asked), screen
 
 
@@ -141,15 +148,6 @@ def _subjects(
     ]
 
 
-def _families(left_out: str | None, *, twins: bool) -> list[str] | None:
-    """Families that are tried: all but that of one effect, and of those that it looks like."""
-    if left_out is None:
-        return None
-    gone = effects.named(left_out)
-    alike = [effects.named(name).family for name in (families.twins(gone) if twins else ())]
-    return sorted({row.family for row in effects.table()} - {gone.family, *alike})
-
-
 def _baselines(arms: Sequence[Found], *, seed: int) -> dict[str, str | None]:
     """What simpler ways name."""
     each = [(arm.screen.rough, arm.likelihood) for arm in arms]
@@ -176,9 +174,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=Path,
         help="JSON file: by capture set an effect whose family is not to be tried; others wait",
     )
-    parser.add_argument(
-        "--twins", action="store_true", help="nor the families of what it is confused with"
-    )
     asked = parser.parse_args(arguments)
     crew.alone()
     return program.run(
@@ -189,7 +184,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             against=None if asked.against is None else capture.open_set(asked.against),
             cache=asked.cache,
             without=None if asked.without is None else json.loads(asked.without.read_text()),
-            twins=asked.twins,
             tell=tell,
         )
     )

@@ -65,7 +65,7 @@ def limits(
     found: dict[str, Limits] = {}
     for arm in named.open_arms(subjects, asked):
         place = None if arm is Arm.DEPTH else cache
-        table, screen = named.screened(arm, asked, None, always=True, cache=place, tell=tell)
+        table, screen = named.screened(arm, asked, always=True, cache=place, tell=tell)
         found |= {one.name: _limits(one, table, screen) for one in screen.rough}
     return found
 

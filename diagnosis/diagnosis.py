@@ -84,7 +84,7 @@ def diagnose(
     other = None if against is None else against.path
     with Crew(captures.path, sensor, [one.name for one in subjects], against=other) as crew:
         screens = [
-            screened(arm, asked, families, cache=cache, crew=crew, tell=tell)
+            screened(arm, asked, families=families, cache=cache, crew=crew, tell=tell)
             for arm in open_arms(subjects, asked)
         ]
         found = named(screens, locked)

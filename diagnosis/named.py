@@ -65,8 +65,8 @@ def open_arms(subjects: Sequence[Subject], asked: Sequence[Subject]) -> list[Arm
 def screened(
     arm: Arm,
     asked: Sequence[Subject],
-    families: Sequence[str] | None,
     *,
+    families: Sequence[str] | None = None,
     always: bool = False,
     cache: Path | None = None,
     crew: Crew | None = None,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,6 +100,17 @@ def screen(
         threshold=null.threshold(null.gains(base, rough, weight, held)),
         noise=null.size(base, weight),
     )
+
+
+def of_families(screen: Screen, families: Collection[str]) -> Screen:
+    """The same with fewer effects: what chance gains by the others, it might gain by these.
+
+    Args:
+        screen: of the whole table.
+        families: that are tried.
+    """
+    kept = tuple(one for one in screen.rough if one.candidate.effect.family in families)
+    return dataclasses.replace(screen, rough=kept)
 
 
 def _same(bench: Bench, base: Base) -> bool:

@@ -73,18 +73,18 @@ def diagnose(
     *,
     against: Path | None = None,
     without: Mapping[str, str] | None = None,
-    twins: bool = False,
 ) -> None:
     """Diagnose a folder of capture sets.
 
     Args:
         cases: The capture sets; nothing else is told of them.
-        out: Folder of verdicts.
+        out: Folder of verdicts; where effects are taken out, of `without family` and `without
+            twins`.
         sensor: What the camera is believed to be.
         cache: Folder that keeps what effects do to the scenes.
         against: Capture set that each is compared with; None: with simulation.
-        without: By capture set, an effect that is taken from the diagnosis' table with its family.
-        twins: Also take the families of effects that the table says it is confused with.
+        without: By capture set, an effect that is taken from the diagnosis' table with its family,
+            and once more with those of the effects that the table says it is confused with.
     """
     arguments = [str(cases), str(out), "--sensor", str(sensor), "--cache", str(cache)]
     if against is not None:
@@ -93,7 +93,7 @@ def diagnose(
         out.mkdir(parents=True, exist_ok=True)
         path = out / ".without"
         path.write_text(json.dumps(dict(without)), encoding="utf-8")
-        arguments += ["--without", str(path), *(["--twins"] if twins else [])]
+        arguments += ["--without", str(path)]
     _run("diagnosis.batch", arguments)
 
 

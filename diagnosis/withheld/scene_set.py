@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -37,30 +37,16 @@ class SceneSet:
         Raises:
             WithheldError: if a program fails.
         """
-        tables: dict[Table, Sequence[Case]] = {
-            "whole": cases,
-            "without family": left_out,
-            "without twins": left_out,
-        }
-        todo = {
-            table: [one for one in those if not self._verdict(table, one).exists()]
-            for table, those in tables.items()
-        }
-        wanted = {one.number: one for those in todo.values() for one in those}
+        todo = [one for one in cases if not self._has(one, "whole")]
+        again = [one for one in left_out if not self._has(one, "without family", "without twins")]
+        wanted = {one.number: one for one in (*todo, *again)}
         missing = [one for one in wanted.values() if not (self._cases / one.name).exists()]
         if missing:
             self._shoot(missing)
-        for table, those in todo.items():
-            if those:
-                programs.diagnose(
-                    self._cases,
-                    self.folder / table,
-                    self.source.sensor,
-                    self.source.cache,
-                    against=self.source.against,
-                    without=None if table == "whole" else {one.name: _row(one) for one in left_out},
-                    twins=table == "without twins",
-                )
+        if todo:
+            self._run(self.folder / "whole", None)
+        if again:  # A run of its own, as it is told what acts.
+            self._run(self.folder, {one.name: _row(one) for one in again})
         shutil.rmtree(self._cases, ignore_errors=True)  # Seeds and truth make them again.
 
     def answered(self, cases: Sequence[Case], *, table: Table = "whole") -> list[Answered]:
@@ -77,6 +63,19 @@ class SceneSet:
             Answered(case=one, verdict=verdict.read(self._verdict(table, one)), scenes=self.number)
             for one in cases
         ]
+
+    def _run(self, out: Path, without: Mapping[str, str] | None) -> None:
+        programs.diagnose(
+            self._cases,
+            out,
+            self.source.sensor,
+            self.source.cache,
+            against=self.source.against,
+            without=without,
+        )
+
+    def _has(self, case: Case, *tables: Table) -> bool:
+        return all(self._verdict(table, case).exists() for table in tables)
 
     @property
     def _cases(self) -> Path:

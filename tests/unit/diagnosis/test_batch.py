@@ -8,20 +8,28 @@ from pathlib import Path
 from diagnosis import batch, families
 from sim import effects
 
-ALL = {row.family for row in effects.table()}
+ALL = frozenset(row.family for row in effects.table())
 
 
-def test_nothing_is_left_out_unasked():
-    assert batch._families(None, twins=True) is None
+def test_nothing_is_left_out_unasked(tmp_path: Path):
+    assert batch._missing(tmp_path, "7", None) == {tmp_path / "7.json": ALL}
 
 
-def test_a_family_goes_and_with_twins_all_that_look_alike():
-    alone = batch._families("nir_reflectance", twins=False)
-    assert alone is not None and ALL - set(alone) == {"reflectance"}
-    both = batch._families("nir_reflectance", twins=True)
+def test_a_family_goes_and_with_twins_all_that_look_alike(tmp_path: Path):
+    told = batch._missing(tmp_path, "7", {"7": "nir_reflectance"})
+    alone, both = (
+        told[tmp_path / table / "7.json"] for table in ("without family", "without twins")
+    )
+    assert ALL - alone == {"reflectance"}
     # Its own page names the last two and projector power, whose page names it.
     twins = {"signal_gain", "ambient_gradient", "transparency"}
-    assert both is not None and ALL - set(both) == {"reflectance", *twins}
+    assert ALL - both == {"reflectance", *twins}
+
+
+def test_verdicts_that_are_there_are_not_missing(tmp_path: Path):
+    (tmp_path / "7.json").touch()
+    assert batch._missing(tmp_path, "7", None) == {}
+    assert len(batch._missing(tmp_path, "7", {"7": "roll"})) == 2
 
 
 def test_families_are_written_whole(tmp_path: Path):
