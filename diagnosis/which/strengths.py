@@ -26,14 +26,16 @@ def coarse(candidate: Candidate) -> list[Value]:
     """Nodes at which a candidate is tried first: all words; of numbers, whole ones too, a weak and
     a strong one to each side.
 
-    A strong one alone would do for effects that grow in proportion; but few do.
+    A strong one alone would do for effects that grow in proportion; but few do. Where each has to
+    be rendered, which takes most of a screening's time, it is one in the middle.
     """
     if any(isinstance(node, str) for node in candidate.nodes):
         return list(candidate.nodes)
     base = float(candidate.base)
     below = [node for node in candidate.nodes if float(node) < base][::-1]
     above = [node for node in candidate.nodes if float(node) > base]
-    found = [side[at] for side in (below, above) for at in _tried(len(side))]
+    rendered = bool(candidate.effect.rerender)
+    found = [side[at] for side in (below, above) for at in _tried(len(side), rendered=rendered)]
     return sorted(found, key=float)
 
 
@@ -51,9 +53,11 @@ def fine(fit: Fit) -> list[Value]:
     return [node for node in candidate.nodes if node in tried or (float(node) > base) == above]
 
 
-def _tried(count: int) -> list[int]:
+def _tried(count: int, *, rendered: bool) -> list[int]:
     """Which of so many nodes, from weak to strong, are tried."""
-    return sorted({count // 3, count - 1 - count // 4}) if count else []
+    if not count:
+        return []
+    return [count // 2] if rendered else sorted({count // 3, count - 1 - count // 4})
 
 
 def sharper(

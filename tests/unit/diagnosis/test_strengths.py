@@ -93,6 +93,10 @@ def test_first_tries_are_weak_and_strong_ones_to_each_side():
         name="roll", effect=effects.named("roll"), arm=Arm.IMAGE, base=0.0, nodes=(-2, -1, 1, 3)
     )
     assert strengths.coarse(sides) == [-2, -1, 1, 3]
+    rendered = dataclasses.replace(
+        sides, effect=effects.named("model_shift"), nodes=(-4, -3, -2, -1, 1, 2)
+    )
+    assert strengths.coarse(rendered) == [-3, 2]
     whole = dataclasses.replace(
         candidate("search_range"), base=128, nodes=(16, 32, 48, 64, 80, 96, 112, 144, 160)
     )
