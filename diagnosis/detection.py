@@ -1,6 +1,6 @@
 """How strong an effect has to be to be found: what the diagnosis says of its own signatures.
 
-    python -m diagnosis.detection CAPTURES... --sensor FILE [--cache FOLDER]
+    python -m diagnosis.detection CAPTURES... --sensor FILE [--cache FOLDER] [--effects NAME...]
 
 Prints JSON: by effect its base, and the values below and above from which on its own gain passes
 the threshold in half of the simulated readings; null where no value of its range does. Of effects
@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,7 @@ def limits(
     captures: Path,
     sensor: Sensor,
     *,
+    wanted: Collection[str] | None = None,
     cache: Path | None = None,
     tell: progress.Progress = progress.silent,
 ) -> dict[str, Limits]:
@@ -54,6 +55,7 @@ def limits(
     Args:
         captures: capture set; what it holds counts for effects of matcher and filters alone.
         sensor: the base.
+        wanted: effects that are asked about, with all their numbers; None asks about all.
         cache: folder that keeps what is simulated.
         tell: wraps loops that take long.
 
@@ -66,7 +68,11 @@ def limits(
     for arm in named.open_arms(subjects, asked):
         place = None if arm is Arm.DEPTH else cache
         table, screen = named.screened(arm, asked, always=True, cache=place, tell=tell)
-        found |= {one.name: _limits(one, table, screen) for one in screen.rough}
+        asked_about = [
+            one for one in screen.rough if wanted is None or one.candidate.effect.name in wanted
+        ]
+        for one in tell(asked_about, f"limits in the {arm.value}"):
+            found[one.name] = _limits(one, table, screen)
     return found
 
 
@@ -190,12 +196,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--sensor", required=True, help="preset or sensor file, the base")
     parser.add_argument("--cache", type=Path, help="folder that keeps what is simulated")
+    parser.add_argument("--effects", nargs="+", help="that are asked about; all if none is named")
     asked = parser.parse_args(arguments)
     crew.alone()
 
     def work(tell: progress.Progress) -> None:
         sensor = sensors.load(asked.sensor)
-        found = [limits(one, sensor, cache=asked.cache, tell=tell) for one in asked.captures]
+        found = [
+            limits(one, sensor, wanted=asked.effects, cache=asked.cache, tell=tell)
+            for one in asked.captures
+        ]
         print(json.dumps(in_each(found), indent=1))
 
     return program.run(work)

@@ -295,6 +295,8 @@ def test_limits_are_told_by_the_diagnosis_itself(done, patched, capsys, tmp_path
     told = json.loads(capsys.readouterr().out)
     assert told["vignetting"]["below"] is None and 0 < told["vignetting"]["above"] < 3
     assert told["gamma"]["below"] < told["gamma"]["base"] < told["gamma"]["above"]
+    assert detection.main([str(tmp_path / "null"), *flags, "--effects", "gamma"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"gamma": told["gamma"]}
     assert detection.main([str(tmp_path / "none"), *flags]) == 1
 
 
