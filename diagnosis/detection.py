@@ -28,7 +28,7 @@ from diagnosis.which.candidates import Arm
 from diagnosis.which.fit import fit, places
 from diagnosis.which.likelihood import Likelihood
 from diagnosis.which.signature import Signature, signature, with_node
-from sim import capture, progress, sensors
+from sim import capture, effects, progress, sensors
 from sim.effects.effect import Value
 from sim.sensor import Sensor
 
@@ -60,8 +60,9 @@ def limits(
         tell: wraps loops that take long.
 
     Raises:
-        InputError: as `diagnosis.diagnosis.diagnose`.
+        InputError: as `diagnosis.diagnosis.diagnose`, or of an effect that no table has.
     """
+    names = {effects.named(name).name for name in wanted or ()}
     subjects = [subject(scene, sensor) for scene in capture.open_set(captures).scenes]
     asked, _ = named.parted(subjects)
     found: dict[str, Limits] = {}
@@ -69,7 +70,7 @@ def limits(
         place = None if arm is Arm.DEPTH else cache
         table, screen = named.screened(arm, asked, always=True, cache=place, tell=tell)
         asked_about = [
-            one for one in screen.rough if wanted is None or one.candidate.effect.name in wanted
+            one for one in screen.rough if not names or one.candidate.effect.name in names
         ]
         for one in tell(asked_about, f"limits in the {arm.value}"):
             found[one.name] = _limits(one, table, screen)

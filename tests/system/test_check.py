@@ -298,6 +298,7 @@ def test_limits_are_told_by_the_diagnosis_itself(done, patched, capsys, tmp_path
     assert detection.main([str(tmp_path / "null"), *flags, "--effects", "gamma"]) == 0
     assert json.loads(capsys.readouterr().out) == {"gamma": told["gamma"]}
     assert detection.main([str(tmp_path / "none"), *flags]) == 1
+    assert detection.main([str(tmp_path / "null"), *flags, "--effects", "gama"]) == 1
 
 
 def test_other_scenes_are_not_one_batch(done, tmp_path, capsys):
