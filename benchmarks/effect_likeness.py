@@ -20,10 +20,8 @@ import numpy as np
 from diagnosis import families, named
 from diagnosis.subject import subject
 from diagnosis.which.arm import Screen
+from diagnosis.which.likelihood import directions
 from sim import capture, effects, progress, sensors
-from sim.effects import setting
-
-_SEEN = 1.0  # Length of a change in deviations, below which it has no direction.
 
 
 def main() -> None:
@@ -48,19 +46,13 @@ def main() -> None:
 
 def pairs(screen: Screen, least: float) -> Iterator[tuple[float, str, str]]:
     """Pairs of rows of different families that are so alike, the most alike first."""
-    votes = np.sqrt(screen.weight)
-    names, directions = [], []
-    for one in screen.rough:
-        for change in one.change:
-            moved = (np.nan_to_num(change / screen.base.deviation) * votes).ravel()
-            length = float(np.linalg.norm(moved))
-            if length > _SEEN:
-                names.append(setting.parameter_of(one.name)[0])
-                directions.append(moved / length)
-    cosines = np.stack(directions) @ np.stack(directions).T
+    voted = screen.base.deviation / np.sqrt(screen.weight)
+    owners, moves = directions(screen.rough, voted)
+    rows = moves.reshape(len(moves), -1)
+    cosines = rows @ rows.T
     found: dict[tuple[str, str], float] = {}
     for first, second in zip(*np.nonzero(cosines >= least), strict=True):
-        one, other = names[first], names[second]
+        one, other = owners[first].candidate.effect, owners[second].candidate.effect
         if one.name < other.name and one.family != other.family:
             key = (one.name, other.name)
             found[key] = max(found.get(key, 0.0), float(cosines[first, second]))

@@ -106,20 +106,6 @@ def fit(
     return Fit(signature, float(tried[int(np.argmin(cost.sum(axis=1)))]), gain, cost, tried)
 
 
-def ranked(
-    signatures: Sequence[Signature], likelihood: Likelihood, folds: Folds, given: Made
-) -> list[Fit]:
-    """Fit every candidate on top of others, those that gain most first.
-
-    Args:
-        signatures: of the candidates.
-        likelihood, folds: as `fit`.
-        given: what the others make.
-    """
-    fits = [fit(one, likelihood, folds, given=given) for one in signatures]
-    return sorted(fits, key=lambda one: -one.total)
-
-
 def held_out(
     cost: NDArray[np.float64],
     nothing: NDArray[np.float64],

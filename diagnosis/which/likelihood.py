@@ -84,6 +84,25 @@ class Likelihood:
         return np.where(np.isfinite(self.gap), alone, 0.0)
 
 
+def directions(
+    signatures: Sequence[Signature], deviation: Table
+) -> tuple[list[Signature], NDArray[np.float64]]:
+    """Which way effects move features: what each makes over its deviation, of length 1.
+
+    Args:
+        signatures: of the effects, one at least.
+        deviation: of each scene's features.
+
+    Returns:
+        By change that can be seen, whose it is, and its direction (changes, scenes, features).
+    """
+    owners = [one for one in signatures for _ in one.values]
+    moves = np.nan_to_num(np.concatenate([one.change for one in signatures]) / deviation)
+    size = np.sqrt((moves**2).sum(axis=(1, 2)))
+    seen = np.flatnonzero(size > _SEEN)
+    return [owners[number] for number in seen], moves[seen] / size[seen, None, None]
+
+
 def weights(signatures: Sequence[Signature], deviation: Table) -> NDArray[np.float64]:
     """Share of each feature that others do not repeat: 1 over its squared likenesses to all.
 
@@ -100,10 +119,7 @@ def weights(signatures: Sequence[Signature], deviation: Table) -> NDArray[np.flo
     """
     if not signatures:
         return np.ones(deviation.shape[-1])
-    moves = np.nan_to_num(np.concatenate([one.change for one in signatures]) / deviation)
-    size = np.sqrt((moves**2).sum(axis=(1, 2)))
-    told = moves[size > _SEEN] / size[size > _SEEN, None, None]
-    rows = told.reshape(-1, deviation.shape[-1])
+    rows = directions(signatures, deviation)[1].reshape(-1, deviation.shape[-1])
     product = rows.T @ rows
     length = np.sqrt(np.diag(product))
     still = length < 1e-6  # No effect moves it.

@@ -10,7 +10,7 @@ import numpy as np
 
 from diagnosis.rooms import draws
 from diagnosis.which.bench import Bench, Table
-from diagnosis.which.fit import Fit, Folds, fit, held_out, places, ranked
+from diagnosis.which.fit import Fit, Folds, fit, held_out, places
 from diagnosis.which.likelihood import Likelihood
 from diagnosis.which.made import Made, stacked
 from diagnosis.which.signature import Signature, signature
@@ -33,7 +33,7 @@ class Model:
 
     terms: tuple[Signature, ...]
     places: tuple[float, ...]
-    beside: Table  # What they make together beyond the sum of what each makes alone.
+    beside: Made  # What they make together beyond the sum of what each makes alone.
 
     @property
     def settings(self) -> dict[str, Value]:
@@ -44,13 +44,13 @@ class Model:
 
     def made(self, *, without: int | None = None) -> Made:
         """What they make, all or all but one."""
-        total = Made(self.beside)
+        total = self.beside
         for number, (one, place) in enumerate(zip(self.terms, self.places, strict=True)):
             if number != without:
                 total = total + one.at(place)
         return total
 
-    def only(self, numbers: Sequence[int], beside: Table) -> Model:
+    def only(self, numbers: Sequence[int], beside: Made) -> Model:
         """Some of the effects, as strong as they are here.
 
         Args:
@@ -113,9 +113,10 @@ def search(
         for one in (signature(each.signature.candidate, bench, fine(each)) for each in closer)
         if one is not None
     ]
-    signatures = sharper(signatures, bench, likelihood, folds, threshold, likelihood.nothing)
-    starts = _starts(signatures, likelihood, folds, threshold)
-    nothing = Model((), (), np.zeros_like(likelihood.gap))
+    first = sharper(signatures, bench, likelihood, folds, threshold, likelihood.nothing)
+    signatures = [one.signature for one in first]
+    starts = _starts(first, likelihood, folds, threshold)
+    nothing = Model((), (), likelihood.nothing)
     model = next(filter(None, (_simulated(bench, likelihood, one) for one in starts)), nothing)
     while model.terms and len(model.terms) < MOST:
         wider = _wider(model, bench, likelihood, signatures, folds, threshold)
@@ -141,10 +142,9 @@ def search(
 
 
 def _starts(
-    signatures: Sequence[Signature], likelihood: Likelihood, folds: Folds, threshold: float
+    first: Sequence[Fit], likelihood: Likelihood, folds: Folds, threshold: float
 ) -> list[Model]:
     """Two effects that gain more than any single one, the best such pair first; the best effect."""
-    first = ranked(signatures, likelihood, folds, likelihood.nothing)
     if not first or first[0].total < threshold:
         return []
     best = first[0]
@@ -153,9 +153,9 @@ def _starts(
         gain, best_at = _both(one.signature, other.signature, likelihood, folds)
         if gain > best.total + threshold:
             terms = (one.signature, other.signature)
-            pairs.append((gain, Model(terms, best_at, np.zeros_like(likelihood.gap))))
+            pairs.append((gain, Model(terms, best_at, likelihood.nothing)))
     pairs.sort(key=lambda each: -each[0])
-    alone = Model((best.signature,), (best.place,), np.zeros_like(likelihood.gap))
+    alone = Model((best.signature,), (best.place,), likelihood.nothing)
     return [*(model for _, model in pairs), alone]
 
 
@@ -170,8 +170,7 @@ def _wider(
     """Add the effect that gains most, if it gains enough."""
     used = {one.name for one in model.terms}
     rest = [one for one in signatures if one.name not in used]
-    rest = sharper(rest, bench, likelihood, folds, threshold, model.made())
-    for best in ranked(rest, likelihood, folds, model.made()):
+    for best in sharper(rest, bench, likelihood, folds, threshold, model.made()):
         if best.total < threshold:
             break
         wider = Model((*model.terms, best.signature), (*model.places, best.place), model.beside)
@@ -230,8 +229,9 @@ def _simulated(bench: Bench, likelihood: Likelihood, model: Model) -> Model | No
         together = bench.change(model.settings)
         if together is None:
             return None
-        alone = Model(model.terms, model.places, np.zeros_like(together)).made()
-        model = _fitted(likelihood, Model(model.terms, model.places, together - alone.change))
+        alone = Model(model.terms, model.places, likelihood.nothing).made()
+        beside = Made(together - alone.change)
+        model = _fitted(likelihood, Model(model.terms, model.places, beside))
     return model
 
 
@@ -260,7 +260,7 @@ def _thinned(bench: Bench, likelihood: Likelihood, model: Model, threshold: floa
         if len(model.terms) < 2:
             break
         kept = [n for n in range(len(model.terms)) if n != number]
-        less = _simulated(bench, likelihood, model.only(kept, np.zeros_like(model.beside)))
+        less = _simulated(bench, likelihood, model.only(kept, likelihood.nothing))
         if less is not None and _gain(likelihood, model, less) < threshold:
             model = less
     return model
@@ -279,8 +279,7 @@ def _accepted(
     used = {one.name for one in model.terms}
     rest = [one for one in signatures if one.name not in used]
     own = fit(model.terms[number], likelihood, folds, given=given)
-    rest = sharper(rest, bench, likelihood, folds, threshold, given, gained=own.total)
-    others = [fit(one, likelihood, folds, given=given) for one in rest]
+    others = sharper(rest, bench, likelihood, folds, threshold, given, gained=own.total)
     rooms = [one.room for one in bench.subjects]
     return Accepted(
         fit=own,

@@ -8,7 +8,7 @@ import numpy as np
 
 from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Candidate
-from diagnosis.which.fit import Fit, Folds, ranked
+from diagnosis.which.fit import Fit, Folds, fit
 from diagnosis.which.likelihood import Likelihood
 from diagnosis.which.made import Made
 from diagnosis.which.signature import Signature, with_node
@@ -39,17 +39,17 @@ def coarse(candidate: Candidate) -> list[Value]:
     return sorted(found, key=float)
 
 
-def fine(fit: Fit) -> list[Value]:
+def fine(of: Fit) -> list[Value]:
     """Nodes of a candidate that is worth it: all to the side where it fits, else those tried first.
 
     Args:
-        fit: of those tried first.
+        of: one of those tried first.
     """
-    candidate = fit.signature.candidate
+    candidate = of.signature.candidate
     if not candidate.numeric:
         return list(candidate.nodes)
     base, tried = float(candidate.base), coarse(candidate)
-    above = float(fit.value) >= base
+    above = float(of.value) >= base
     return [node for node in candidate.nodes if node in tried or (float(node) > base) == above]
 
 
@@ -69,9 +69,9 @@ def sharper(
     given: Made,
     *,
     gained: float = 0.0,
-) -> list[Signature]:
-    """Simulate the best on top of others, and those that come near it, at the strength where each
-    fits, until none fits elsewhere.
+) -> list[Fit]:
+    """Fit candidates on top of others, those that gain most first, the best and those that come
+    near it simulated at the strength where each fits, until none fits elsewhere.
 
     Between nodes an effect is only as right as a straight line is, and that must not decide.
 
@@ -80,20 +80,26 @@ def sharper(
         given: what others make.
         gained: by one that is simulated so already.
     """
-    found = list(signatures)
+    found = _ranked([fit(one, likelihood, folds, given=given) for one in signatures])
     for _ in range(_ROUNDS):
-        best_of = ranked(found, likelihood, folds, given)[:_SHARP]
-        best = max([gained, *(one.total for one in best_of)])
+        best = max([gained, *(one.total for one in found[:1])])
         if best < _PROMISING * threshold:
             break
-        near = [one for one in best_of if one.total > best - max(threshold, _NEAR * best)]
+        least = best - max(threshold, _NEAR * best)
+        near = [one for one in found[:_SHARP] if one.total > least]
         values = {one.name: value for one in near if (value := _closer(one)) is not None}
         if not values:
             break
-        found = [
-            with_node(one, values[one.name], bench) if one.name in values else one for one in found
-        ]
+        for number, one in enumerate(found):
+            if one.name in values:
+                sharp = with_node(one.signature, values[one.name], bench)
+                found[number] = fit(sharp, likelihood, folds, given=given)
+        found = _ranked(found)
     return found
+
+
+def _ranked(fits: Sequence[Fit]) -> list[Fit]:
+    return sorted(fits, key=lambda one: -one.total)
 
 
 def _closer(of: Fit) -> Value | None:

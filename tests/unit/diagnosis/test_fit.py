@@ -136,7 +136,7 @@ def test_what_is_fitted_to_its_base_is_not_named():
     bench: Any = FakeBench()
     likelihood = likelihood_of({"crosstalk": 0.4}, 7)
     terms = (MADE["crosstalk"], MADE["veil"])
-    both = search.Model(terms, (1.67, 0.0), likelihood.nothing.change)
+    both = search.Model(terms, (1.67, 0.0), likelihood.nothing)
     found = search._thinned(bench, likelihood, both, null.LEAST_GAIN)
     assert list(found.settings) == ["crosstalk"]
     np.testing.assert_array_equal(found.made().change, both.made().change)

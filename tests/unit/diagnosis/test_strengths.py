@@ -142,9 +142,8 @@ def bent(value: float, nodes: tuple[float, ...]) -> tuple[Signature, float, floa
     likelihood = BASE.likelihood(change + noise(5), ONES)
     one = simulated_signature(candidate("veil"), bench, nodes)
     assert one is not None
-    (sharp,) = strengths.sharper([one], bench, likelihood, HELD, LEAST_GAIN, likelihood.nothing)
-    found = fit(sharp, likelihood, HELD)
-    return sharp, float(found.value), found.total - fit(one, likelihood, HELD).total
+    (found,) = strengths.sharper([one], bench, likelihood, HELD, LEAST_GAIN, likelihood.nothing)
+    return found.signature, float(found.value), found.total - fit(one, likelihood, HELD).total
 
 
 @pytest.mark.parametrize("value", [0.4, 0.55, 0.8])
