@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.statistics import mean_known
+
 FEWEST = 3  # Rooms below which nothing is said of how sure a mean is.
 
 
@@ -21,14 +23,7 @@ def means(values: NDArray[np.float64], rooms: Sequence[str]) -> NDArray[np.float
         (rooms, ...), rooms in the order they come in; NaN where nothing is known.
     """
     number = _numbers(rooms)
-    found = []
-    for room in range(number.max() + 1):
-        own = values[number == room]
-        known = np.isfinite(own)
-        count = known.sum(axis=0)
-        total = np.where(known, own, 0.0).sum(axis=0)
-        found.append(np.where(count > 0, total / np.maximum(count, 1), np.nan))
-    return np.stack(found)
+    return np.stack([mean_known(values[number == room], 0) for room in range(number.max() + 1)])
 
 
 def draws(rooms: Sequence[str], count: int, rng: np.random.Generator) -> NDArray[np.int64]:

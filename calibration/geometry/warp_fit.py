@@ -22,6 +22,7 @@ from patterns import errors
 from sim.matching import match, readable
 from sim.matching.memory import Memory
 from sim.sensor import Sensor
+from sim.statistics import mean_known
 
 NAME = "right.alignment.warp_px"
 COLUMNS = 32  # Cells across the image; down as many as make them square.
@@ -68,7 +69,9 @@ def fit_warp(observations: Sequence[Observation], sensor: Sensor) -> Solution:
     fitted, of_rooms = sensor, np.empty(0)
     for _ in range(_ROUNDS):
         seen = [(one.room, difference(one, fitted, memory=memory)) for one in usable]
-        of_rooms = np.stack([_mean([made for own, made in seen if own == room]) for room in rooms])
+        of_rooms = np.stack(
+            [mean_known(np.stack([made for own, made in seen if own == room]), 0) for room in rooms]
+        )
         fitted = _with(fitted, _cells(fitted, of_rooms.shape[1:]) - _smoothed(of_rooms))
     known = np.isfinite(of_rooms).sum(axis=0)
     counted = known >= FEWEST_ROOMS
@@ -136,20 +139,11 @@ def _medians(values: NDArray[np.float32], disparity_px: NDArray[np.float32]) -> 
     return found.reshape(rows, COLUMNS)
 
 
-def _mean(cells: Sequence[Cells] | Cells) -> Cells:
-    """Mean of what is known; NaN where nothing is."""
-    stack = np.stack(list(cells))
-    known = np.isfinite(stack)
-    count = known.sum(axis=0)
-    total = np.where(known, stack, 0.0).sum(axis=0)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
 def _smoothed(of_rooms: Cells) -> Cells:
     """Mean over rooms and cells nearby; of cells that too few rooms know what those nearby have."""
     known = np.isfinite(of_rooms).sum(axis=0)
     weight = np.where(known >= FEWEST_ROOMS, known, 0).astype(float)
-    mean = np.where(weight > 0, np.nan_to_num(_mean(of_rooms)), 0.0)
+    mean = np.where(weight > 0, np.nan_to_num(mean_known(of_rooms, 0)), 0.0)
     near, total = (
         cv2.GaussianBlur(one, (0, 0), _SPREAD, borderType=cv2.BORDER_CONSTANT)
         for one in (mean * weight, weight)

@@ -23,6 +23,7 @@ from patterns.errors import InputError
 from sim import record
 from sim.effects import setting
 from sim.effects.effect import Value
+from sim.statistics import mean_known
 
 Row = NDArray[np.float64]  # (features,)
 Table = NDArray[np.float64]  # (scenes, features); NaN where a feature has too few pixels.
@@ -157,7 +158,7 @@ class Bench:
     def change(self, settings: Mapping[str, Value]) -> Table | None:
         """What effects change, noise being equal; of what is drawn by lot, the mean of some."""
         drawn = self._drawn(settings)
-        return None if drawn is None else mean(drawn, axis=0)
+        return None if drawn is None else mean_known(drawn, axis=0)
 
     def scatter(self, settings: Mapping[str, Value]) -> Row | None:
         """Deviation (features,) of what one more draw changes from `change`, all scenes alike; None
@@ -167,7 +168,7 @@ class Bench:
         if drawn is None or len(drawn) < 2:
             return None
         draws = len(drawn)
-        square = mean((drawn - mean(drawn, axis=0)) ** 2, axis=(0, 1))
+        square = mean_known((drawn - mean_known(drawn, axis=0)) ** 2, axis=(0, 1))
         return np.sqrt(np.nan_to_num(square) * (draws + 1) / (draws - 1))
 
     def _drawn(self, settings: Mapping[str, Value]) -> NDArray[np.float64] | None:
@@ -205,19 +206,6 @@ class Bench:
     @cached_property
     def _digests(self) -> list[str]:
         return [_digest(one, self.columns) for one in self.subjects]
-
-
-def mean(values: NDArray[np.float64], axis: int | tuple[int, ...]) -> NDArray[np.float64]:
-    """Mean of what is known; NaN where nothing is.
-
-    Args:
-        values: NaN where not known.
-        axis: as numpy has it.
-    """
-    known = np.isfinite(values)
-    count = known.sum(axis=axis)
-    total = np.where(known, values, 0.0).sum(axis=axis)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def bench(

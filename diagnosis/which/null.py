@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.which.bench import Bench, Table, mean
+from diagnosis.which.bench import Bench, Table
 from diagnosis.which.candidates import Arm
 from diagnosis.which.fit import fit
 from diagnosis.which.likelihood import TAU, Likelihood
 from diagnosis.which.signature import Signature
+from sim.statistics import mean_known
 
 SEEDS = 8
 FLOOR = 0.02  # What the simulator is taken to be wrong by in every feature, in its own unit.
@@ -33,7 +34,7 @@ class Base:
     @property
     def mean(self) -> Table:
         """Mean over seeds."""
-        return mean(self.tables, axis=0)
+        return mean_known(self.tables, axis=0)
 
     @property
     def deviation(self) -> Table:
@@ -41,7 +42,7 @@ class Base:
         simulator misses.
         """
         seeds = len(self.tables)
-        squares = mean((self.tables - self.mean) ** 2, axis=(0, 1))
+        squares = mean_known((self.tables - self.mean) ** 2, axis=(0, 1))
         variance = squares * seeds / max(seeds - 1, 1)
         variance = variance * (1 + (1 / seeds if self.against is None else 1))
         return np.sqrt(np.nan_to_num(variance) + self.floor**2)
