@@ -22,7 +22,7 @@ from diagnosis.which.candidates import Arm
 from patterns.errors import InputError
 from sim import record
 from sim.effects import setting
-from sim.effects.effect import Value
+from sim.effects.effect import Effect, Value
 from sim.statistics import mean_known
 
 Row = NDArray[np.float64]  # (features,)
@@ -30,7 +30,8 @@ Table = NDArray[np.float64]  # (scenes, features); NaN where a feature has too f
 Make = Callable[..., Row | None]  # Of a subject, columns and more.
 
 _BASE = "[]"  # What rows without effects are kept as.
-_OTHERS = (1, 2, 3)  # Devices, and seeds, in which effects are drawn anew.
+_OTHERS = (1, 2, 3)  # Devices, and seeds, in which effects are drawn anew,
+_RENDERED = (1,)  # or where each of them has to be rendered, which takes most of the time.
 _MADE = 4  # Of the features: another number, and what is kept is made again.
 
 
@@ -178,8 +179,7 @@ class Bench:
         if with_effects is None:
             return None
         found = [with_effects - base]
-        by_lot = any(setting.parameter_of(name)[0].drawn for name in settings)
-        for number in _OTHERS if by_lot and self.arm is not Arm.DEPTH else ():
+        for number in _others(settings) if self.arm is not Arm.DEPTH else ():
             other, base = self.another(settings, number=number), self.another({}, number=number)
             assert other is not None and base is not None  # As the first could be simulated.
             found.append(other - base)
@@ -206,6 +206,18 @@ class Bench:
     @cached_property
     def _digests(self) -> list[str]:
         return [_digest(one, self.columns) for one in self.subjects]
+
+
+def _others(settings: Mapping[str, Value]) -> tuple[int, ...]:
+    """In which other devices, and with which seeds, effects are drawn anew."""
+    drawn = [effect for effect in map(_effect, settings) if effect.drawn]
+    if not drawn:
+        return ()
+    return _RENDERED if any(effect.rerender for effect in drawn) else _OTHERS
+
+
+def _effect(name: str) -> Effect:
+    return setting.parameter_of(name)[0]
 
 
 def bench(

@@ -14,7 +14,7 @@ from diagnosis.which.fit import Fit, Folds, fit, held_out, places
 from diagnosis.which.likelihood import Likelihood
 from diagnosis.which.made import Made, stacked
 from diagnosis.which.signature import Signature, signature
-from diagnosis.which.strengths import coarse, fine, sharper
+from diagnosis.which.strengths import coarse, sharper
 from sim.effects.effect import Value
 
 MOST = 4  # Effects in one verdict.
@@ -108,12 +108,8 @@ def search(
         threshold: least gain of an effect.
         explained_below: size of what is left up to which nothing else is looked for.
     """
-    signatures = [
-        one
-        for one in (signature(each.signature.candidate, bench, fine(each)) for each in closer)
-        if one is not None
-    ]
-    first = sharper(signatures, bench, likelihood, folds, threshold, likelihood.nothing)
+    rough = [one.signature for one in closer]
+    first = sharper(rough, bench, likelihood, folds, threshold, likelihood.nothing)
     signatures = [one.signature for one in first]
     starts = _starts(first, likelihood, folds, threshold)
     nothing = Model((), (), likelihood.nothing)

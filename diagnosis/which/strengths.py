@@ -17,9 +17,10 @@ from sim.effects.effect import Value
 _SHARP = 4  # Candidates that are simulated where they fit best,
 _PROMISING = 0.5  # Of the threshold, that the best of them gains,
 _NEAR = 0.5  # if they gain nearly as much as the best: all but this share.
+_HOPEFUL = 0.8  # As much less gain those that are simulated at one more of their nodes.
 _AT_A_NODE = 0.1  # Places from a node within which nothing is simulated anew,
 _FINE = 0.15  # unless the next is farther off than twice this share of the node's strength.
-_ROUNDS = 3  # Of simulating where one fits.
+_ROUNDS = 4  # Of simulating where one fits.
 
 
 def coarse(candidate: Candidate) -> list[Value]:
@@ -37,20 +38,6 @@ def coarse(candidate: Candidate) -> list[Value]:
     rendered = bool(candidate.effect.rerender)
     found = [side[at] for side in (below, above) for at in _tried(len(side), rendered=rendered)]
     return sorted(found, key=float)
-
-
-def fine(of: Fit) -> list[Value]:
-    """Nodes of a candidate that is worth it: all to the side where it fits, else those tried first.
-
-    Args:
-        of: one of those tried first.
-    """
-    candidate = of.signature.candidate
-    if not candidate.numeric:
-        return list(candidate.nodes)
-    base, tried = float(candidate.base), coarse(candidate)
-    above = float(of.value) >= base
-    return [node for node in candidate.nodes if node in tried or (float(node) > base) == above]
 
 
 def _tried(count: int, *, rendered: bool) -> list[int]:
@@ -73,7 +60,9 @@ def sharper(
     """Fit candidates on top of others, those that gain most first, the best and those that come
     near it simulated at the strength where each fits, until none fits elsewhere.
 
-    Between nodes an effect is only as right as a straight line is, and that must not decide.
+    Between nodes an effect is only as right as a straight line is, and that must not decide. Nodes
+    come first, for all that may come near: what is simulated at them serves other captures of the
+    same scenes.
 
     Args:
         signatures, bench, likelihood, folds, threshold: as `search`.
@@ -85,9 +74,14 @@ def sharper(
         best = max([gained, *(one.total for one in found[:1])])
         if best < _PROMISING * threshold:
             break
-        least = best - max(threshold, _NEAR * best)
-        near = [one for one in found[:_SHARP] if one.total > least]
-        values = {one.name: value for one in near if (value := _closer(one)) is not None}
+        values: dict[str, Value] = {}
+        for rank, one in enumerate(found):
+            short = best - one.total
+            if short >= max(threshold, _HOPEFUL * best) or (value := _closer(one)) is None:
+                continue
+            near = rank < _SHARP and short < max(threshold, _NEAR * best)
+            if near or value in one.signature.candidate.nodes:
+                values[one.name] = value
         if not values:
             break
         for number, one in enumerate(found):
@@ -103,18 +97,37 @@ def _ranked(fits: Sequence[Fit]) -> list[Fit]:
 
 
 def _closer(of: Fit) -> Value | None:
-    """The strength at which to simulate next: where it fits, and at a node halfway to the better of
-    its neighbours; None where that is no news.
+    """The strength at which to simulate next: where it fits, and if that is at one that is
+    simulated, beyond it or halfway to the better of its neighbours. None where that is no news.
+
+    If a node of the candidate's lies there, it is that.
     """
     one, node = of.signature, round(of.place)
     if not one.candidate.numeric:
         return None
     if abs(of.place - node) > _AT_A_NODE:
-        return one.value(of.place)
+        return _node(one, int(of.place), of.place)
+    beyond = [each for each in one.candidate.nodes if _is_beyond(one, node, float(each))]
+    if beyond:
+        return min(beyond, key=lambda each: abs(float(each) - float(one.values[node])))
     cost = of.cost.sum(axis=1)[np.isin(of.places, range(len(one.values)))]
     beside = [n for n in (node - 1, node + 1) if 0 <= n < len(one.values)]
     better = min(beside, key=lambda n: cost[n])
-    value = one.value(0.5 * (node + better))
+    value = _node(one, min(node, better), 0.5 * (node + better))
     here, base = float(one.values[node]), float(one.candidate.base)
     apart = abs(float(value) - here)
     return value if apart > _FINE * abs(here - base) and value not in one.values else None
+
+
+def _node(of: Signature, below: int, place: float) -> Value:
+    """The value at a place, or the candidate's nearest node between those simulated beside it."""
+    value = of.value(place)
+    low, high = float(of.values[below]), float(of.values[below + 1])
+    between = [node for node in of.candidate.nodes if low < float(node) < high]
+    return min(between, key=lambda node: abs(float(node) - float(value)), default=value)
+
+
+def _is_beyond(of: Signature, place: int, value: float) -> bool:
+    """Whether a value lies beyond a place that is the last one simulated."""
+    first, last = float(of.values[0]), float(of.values[-1])
+    return (place == 0 and value < first) or (place == len(of.values) - 1 and value > last)

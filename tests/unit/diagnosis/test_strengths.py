@@ -111,19 +111,20 @@ def test_first_tries_are_weak_and_strong_ones_to_each_side():
     assert strengths.coarse(words) == ["left", "nearest"]
 
 
-@pytest.mark.parametrize("side, nodes", [(1, (-3, -2, 1, 2, 3)), (-1, (-3, -2, -1, 2, 3))])
-def test_the_side_that_fits_is_looked_at_closer(side, nodes):
-    roll = Candidate(
-        name="roll",
-        effect=effects.named("roll"),
-        arm=Arm.IMAGE,
-        base=0.0,
-        nodes=(-3, -2, -1, 1, 2, 3),
+@pytest.mark.parametrize(
+    "at, closer",
+    [(-0.3, -0.4), (0.05, 0.1), (0.25, 0.3), (0.4, 0.3), (0.9, 1.5), (0.47, 0.47)],
+)
+def test_a_candidates_nodes_come_before_other_strengths(at, closer):
+    """Between what is simulated, beyond it, and where none is left what fits itself."""
+    nodes = (-0.8, -0.4, 0.1, 0.3, 0.4, 0.55, 0.9, 1.5)
+    values = (-0.8, 0.0, 0.2, 0.4, 0.9) if at != 0.47 else (0.0, 0.4, 0.55, 1.5)
+    one = dataclasses.replace(candidate("veil"), base=0.0, nodes=nodes)
+    grows = np.array(values)[:, None, None] * np.ones((SCENES, FEATURES))
+    found = fit(
+        Signature(one, values, grows), BASE.likelihood(at * grows[-1] / values[-1], ONES), HELD
     )
-    grows = np.outer([-3, -2, 0, 2, 3], np.ones(SCENES))[..., None] * np.ones(FEATURES)
-    rough = Signature(roll, (-3, -2, 0.0, 2, 3), 0.1 * grows)
-    likelihood = BASE.likelihood(side * 0.15 + noise(3), ONES)
-    assert tuple(strengths.fine(fit(rough, likelihood, HELD))) == nodes
+    assert strengths._closer(found) == pytest.approx(closer, abs=0.02)
 
 
 class Bent(FakeBench):
