@@ -17,9 +17,10 @@ from sim.effects.effect import Value
 _SHARP = 4  # Candidates that are simulated where they fit best,
 _PROMISING = 0.5  # Of the threshold, that the best of them gains,
 _NEAR = 0.5  # if they gain nearly as much as the best: all but this share.
-_HOPEFUL = 0.8  # As much less gain those that are simulated at one more of their nodes.
-_AT_A_NODE = 0.1  # Places from a node within which nothing is simulated anew,
-_FINE = 0.15  # unless the next is farther off than twice this share of the node's strength.
+_HOPEFUL = 0.65  # As much less gain those that are simulated at one more of their nodes.
+_AT_A_NODE = 0.1  # Places from what is simulated within which an effect is said to fit there.
+_NO_NEWS = 0.05  # Share of a strength by which the next that is simulated differs at least,
+_FINE = 0.15  # and that by which one halfway to a neighbour does.
 _ROUNDS = 4  # Of simulating where one fits.
 
 
@@ -106,17 +107,18 @@ def _closer(of: Fit) -> Value | None:
     if not one.candidate.numeric:
         return None
     if abs(of.place - node) > _AT_A_NODE:
-        return _node(one, int(of.place), of.place)
-    beyond = [each for each in one.candidate.nodes if _is_beyond(one, node, float(each))]
-    if beyond:
-        return min(beyond, key=lambda each: abs(float(each) - float(one.values[node])))
-    cost = of.cost.sum(axis=1)[np.isin(of.places, range(len(one.values)))]
-    beside = [n for n in (node - 1, node + 1) if 0 <= n < len(one.values)]
-    better = min(beside, key=lambda n: cost[n])
-    value = _node(one, min(node, better), 0.5 * (node + better))
-    here, base = float(one.values[node]), float(one.candidate.base)
-    apart = abs(float(value) - here)
-    return value if apart > _FINE * abs(here - base) and value not in one.values else None
+        value, least = _node(one, int(of.place), of.place), _NO_NEWS
+    else:
+        beyond = [each for each in one.candidate.nodes if _is_beyond(one, node, float(each))]
+        if beyond:
+            return min(beyond, key=lambda each: abs(float(each) - float(one.values[node])))
+        cost = of.cost.sum(axis=1)[np.isin(of.places, range(len(one.values)))]
+        beside = [n for n in (node - 1, node + 1) if 0 <= n < len(one.values)]
+        better = min(beside, key=lambda n: cost[n])
+        value, least = _node(one, min(node, better), 0.5 * (node + better)), _FINE
+    departure = abs(float(value) - float(one.candidate.base))
+    apart = min(abs(float(value) - float(each)) for each in one.values)
+    return value if apart > least * departure else None
 
 
 def _node(of: Signature, below: int, place: float) -> Value:
