@@ -19,7 +19,7 @@ from sim.effects.effect import Value
 
 MOST = 4  # Effects in one verdict.
 _PAIRED = 8  # Candidates among which pairs are tried.
-_COARSE = 2  # Places between nodes where pairs are tried.
+_COARSE = 4  # Places between nodes where pairs are tried.
 _ROUNDS = 3  # Of fitting each effect given the others.
 _LEVEL = 0.9  # Of intervals.
 _DRAWS = 400

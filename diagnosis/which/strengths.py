@@ -104,9 +104,10 @@ def _closer(of: Fit) -> Value | None:
     If a node of the candidate's lies there, it is that.
     """
     one, node = of.signature, round(of.place)
-    if not one.candidate.numeric:
+    base = float(one.candidate.base)
+    if not one.candidate.numeric or of.value == base:
         return None
-    if abs(of.place - node) > _AT_A_NODE:
+    if abs(of.place - node) > _AT_A_NODE or one.values[node] == base:
         value, least = _node(one, int(of.place), of.place), _NO_NEWS
     else:
         beyond = [each for each in one.candidate.nodes if _is_beyond(one, node, float(each))]
@@ -116,9 +117,8 @@ def _closer(of: Fit) -> Value | None:
         beside = [n for n in (node - 1, node + 1) if 0 <= n < len(one.values)]
         better = min(beside, key=lambda n: cost[n])
         value, least = _node(one, min(node, better), 0.5 * (node + better)), _FINE
-    departure = abs(float(value) - float(one.candidate.base))
     apart = min(abs(float(value) - float(each)) for each in one.values)
-    return value if apart > least * departure else None
+    return value if apart > least * abs(float(value) - base) else None
 
 
 def _node(of: Signature, below: int, place: float) -> Value:
