@@ -12,7 +12,7 @@ from diagnosis.which.fit import Fit, Folds, fit
 from diagnosis.which.likelihood import Likelihood
 from diagnosis.which.made import Made
 from diagnosis.which.signature import Signature, with_node
-from sim.effects.effect import Value
+from sim.effects.effect import Stage, Value
 
 _SHARP = 4  # Candidates that are simulated where they fit best,
 _PROMISING = 0.5  # Of the threshold, that the best of them gains,
@@ -29,23 +29,23 @@ def coarse(candidate: Candidate) -> list[Value]:
     a strong one to each side.
 
     A strong one alone would do for effects that grow in proportion; but few do. Where each has to
-    be rendered, which takes most of a screening's time, it is one in the middle.
+    be rendered, or pairs matched anew, which takes most of the time, it is one in the middle.
     """
     if any(isinstance(node, str) for node in candidate.nodes):
         return list(candidate.nodes)
     base = float(candidate.base)
     below = [node for node in candidate.nodes if float(node) < base][::-1]
     above = [node for node in candidate.nodes if float(node) > base]
-    rendered = bool(candidate.effect.rerender)
-    found = [side[at] for side in (below, above) for at in _tried(len(side), rendered=rendered)]
+    slow = bool(candidate.effect.rerender) or candidate.effect.stage is Stage.MATCHER
+    found = [side[at] for side in (below, above) for at in _tried(len(side), slow=slow)]
     return sorted(found, key=float)
 
 
-def _tried(count: int, *, rendered: bool) -> list[int]:
+def _tried(count: int, *, slow: bool) -> list[int]:
     """Which of so many nodes, from weak to strong, are tried."""
     if not count:
         return []
-    return [count // 2] if rendered else sorted({count // 3, count - 1 - count // 4})
+    return [count // 2] if slow else sorted({count // 3, count - 1 - count // 4})
 
 
 def sharper(

@@ -100,7 +100,7 @@ def test_first_tries_are_weak_and_strong_ones_to_each_side():
     whole = dataclasses.replace(
         candidate("search_range"), base=128, nodes=(16, 32, 48, 64, 80, 96, 112, 144, 160)
     )
-    assert strengths.coarse(whole) == [32, 80, 144, 160]
+    assert strengths.coarse(whole) == [64, 160]
     words = Candidate(
         name="hole_filling",
         effect=effects.named("hole_filling"),
