@@ -25,18 +25,19 @@ _ROUNDS = 4  # Of simulating where one fits.
 
 
 def coarse(candidate: Candidate) -> list[Value]:
-    """Nodes at which a candidate is tried first: all words; of numbers, whole ones too, a weak and
+    """Nodes at which a candidate is tried first: all words and whole numbers; of others a weak and
     a strong one to each side.
 
     A strong one alone would do for effects that grow in proportion; but few do. Where each has to
-    be rendered, or pairs matched anew, which takes most of the time, it is one in the middle.
+    be rendered, or pairs matched anew, which takes most of the time, it is one in the middle, of
+    whole numbers too.
     """
-    if any(isinstance(node, str) for node in candidate.nodes):
+    slow = bool(candidate.effect.rerender) or candidate.effect.stage is Stage.MATCHER
+    if not candidate.numeric or (candidate.whole and not slow):
         return list(candidate.nodes)
     base = float(candidate.base)
     below = [node for node in candidate.nodes if float(node) < base][::-1]
     above = [node for node in candidate.nodes if float(node) > base]
-    slow = bool(candidate.effect.rerender) or candidate.effect.stage is Stage.MATCHER
     found = [side[at] for side in (below, above) for at in _tried(len(side), slow=slow)]
     return sorted(found, key=float)
 

@@ -97,10 +97,15 @@ def test_first_tries_are_weak_and_strong_ones_to_each_side():
         sides, effect=effects.named("model_shift"), nodes=(-4, -3, -2, -1, 1, 2)
     )
     assert strengths.coarse(rendered) == [-3, 2]
-    whole = dataclasses.replace(
-        candidate("search_range"), base=128, nodes=(16, 32, 48, 64, 80, 96, 112, 144, 160)
+    nodes = (16, 32, 48, 64, 80, 96, 112, 144, 160)
+    searched = dataclasses.replace(
+        sides, effect=effects.named("search_range"), base=128, nodes=nodes, whole=True
     )
-    assert strengths.coarse(whole) == [64, 160]
+    assert strengths.coarse(searched) == [64, 160]
+    bits = dataclasses.replace(
+        sides, effect=effects.named("quantisation"), base=8, nodes=(10, 12, 16), whole=True
+    )
+    assert strengths.coarse(bits) == [10, 12, 16]
     words = Candidate(
         name="hole_filling",
         effect=effects.named("hole_filling"),
