@@ -124,9 +124,10 @@ def search(
         whole = _completed(model, bench, likelihood, alone, folds, threshold)
         if whole is not model:
             model = _thinned(bench, likelihood, whole, threshold)
+    explained = likelihood.size(model.made()) <= explained_below
     return Search(
         accepted=tuple(
-            _accepted(number, model, bench, signatures, likelihood, folds, threshold)
+            _accepted(number, model, bench, signatures, likelihood, folds, threshold, explained)
             for number in range(len(model.terms))
         ),
         threshold=threshold,
@@ -270,12 +271,17 @@ def _accepted(
     likelihood: Likelihood,
     folds: Folds,
     threshold: float,
+    explained: bool,
 ) -> Accepted:
+    """What is told of one of the accepted; of stand-ins no rival is simulated closer."""
     given = model.made(without=number)
     used = {one.name for one in model.terms}
     rest = [one for one in signatures if one.name not in used]
     own = fit(model.terms[number], likelihood, folds, given=given)
-    others = sharper(rest, bench, likelihood, folds, threshold, given, gained=own.total)
+    if explained:
+        others = sharper(rest, bench, likelihood, folds, threshold, given, gained=own.total)
+    else:
+        others = [fit(one, likelihood, folds, given=given) for one in rest]
     rooms = [one.room for one in bench.subjects]
     return Accepted(
         fit=own,

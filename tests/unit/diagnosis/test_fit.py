@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis.which import null, search
+from diagnosis.which import null, search, strengths
 from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit, folds
 from diagnosis.which.likelihood import Likelihood, weights
@@ -162,6 +162,25 @@ def test_another_number_of_an_accepted_effect_is_found_where_more_is_left():
     assert found.after < 0.2 * found.before
     enough = search.search(bench, likelihood, closer, alone, HELD, explained_below=1e6, **how)
     assert list(enough.settings) == ["second_projector"]
+
+
+@pytest.mark.parametrize("below, rounds", [(1.5, 1), (0.0, 0)])
+def test_rivals_of_stand_ins_are_not_simulated_closer(below, rounds, monkeypatch):
+    """Where more is left than what is named leaves, nothing is named: rivals need not be right."""
+    beside: list[float] = []
+
+    def sharper(*arguments: Any, **gained: float) -> Any:
+        beside.extend(gained.values())
+        return strengths.sharper(*arguments, **gained)
+
+    monkeypatch.setattr(search, "sharper", sharper)
+    bench: Any = FakeBench()
+    likelihood = likelihood_of({"veil": 0.5}, 7)
+    alone = [fit(one, likelihood, HELD) for one in SIGNATURES]
+    how: Any = {"threshold": null.LEAST_GAIN, "explained_below": below}
+    found = search.search(bench, likelihood, alone, alone, HELD, **how)
+    assert list(found.settings) == ["veil"] and 0 < found.after < 1.5
+    assert len(beside) == rounds
 
 
 def test_the_interval_of_a_choice_holds_what_cannot_be_told_apart():
