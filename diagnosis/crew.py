@@ -35,7 +35,7 @@ class Crew:
         Args:
             captures: capture set.
             sensor: the base.
-            scenes: names of those that are simulated.
+            scenes: names of those that are simulated; they are dealt in turn.
             against: capture set that these are compared with.
         """
         count = max(1, min(len(os.sched_getaffinity(0)), len(scenes), _MOST))

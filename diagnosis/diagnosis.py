@@ -82,7 +82,9 @@ def diagnose(
     asked, locked = parted(subjects)
     told = where.where(subjects)
     other = None if against is None else against.path
-    with Crew(captures.path, sensor, [one.name for one in subjects], against=other) as crew:
+    # Those asked are dealt first: they are nearly all of the work, and one waits for the other.
+    dealt = [one.name for one in (*asked, *locked)]
+    with Crew(captures.path, sensor, dealt, against=other) as crew:
         screens = [
             screened(arm, asked, families=families, cache=cache, crew=crew, tell=tell)
             for arm in open_arms(subjects, asked)
