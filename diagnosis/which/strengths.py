@@ -105,9 +105,9 @@ def _closer(of: Fit) -> Value | None:
     If a node of the candidate's lies there, it is that.
     """
     one, node = of.signature, round(of.place)
-    base = float(one.candidate.base)
-    if not one.candidate.numeric or of.value == base:
+    if not one.candidate.numeric or of.value == one.candidate.base:
         return None
+    base = float(one.candidate.base)
     if abs(of.place - node) > _AT_A_NODE or one.values[node] == base:
         value, least = _node(one, int(of.place), of.place), _NO_NEWS
     else:

@@ -132,6 +132,15 @@ def test_a_candidates_nodes_come_before_other_strengths(at, closer):
     assert strengths._closer(found) == pytest.approx(closer, abs=0.02)
 
 
+def test_words_are_all_simulated_already():
+    words = ("off", "left", "nearest")
+    row = effects.named("hole_filling")
+    one = Candidate(name=row.name, effect=row, arm=Arm.DEPTH, base="off", nodes=words[1:])
+    grows = np.arange(3.0)[:, None, None] * np.ones((SCENES, FEATURES))
+    found = fit(Signature(one, words, grows), BASE.likelihood(grows[1], ONES), HELD)
+    assert found.value == "left" and strengths._closer(found) is None
+
+
 class Bent(FakeBench):
     """Between its nodes the effect points elsewhere than a straight line between them."""
 
