@@ -32,6 +32,15 @@ def test_verdicts_that_are_there_are_not_missing(tmp_path: Path):
     assert len(batch._missing(tmp_path, "7", {"7": "roll"})) == 2
 
 
+def test_what_many_do_not_explain_few_do_not_either():
+    unknown, named = {"verdict": "none of the known"}, {"verdict": "effects"}
+    some = ALL - {"reflectance"}
+    assert batch._as_before(ALL, unknown, some)
+    assert not batch._as_before(ALL, named, some)
+    assert not batch._as_before(some, unknown, ALL)
+    assert batch._as_before(some, named, some)  # An effect without twins.
+
+
 def test_families_are_written_whole(tmp_path: Path):
     assert families.main([str(tmp_path / "told.json")]) == 0
     told = json.loads((tmp_path / "told.json").read_text())
