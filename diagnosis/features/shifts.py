@@ -3,6 +3,9 @@ simulator's."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import lru_cache
+
 import cv2
 import numpy as np
 
@@ -14,17 +17,18 @@ _WINDOW_PX = 15
 _MOST = 0.95  # Of a correlation, whose measure would else be without end where images are alike.
 _SURE = 0.3  # Correlation below which its place is chance.
 _BINS = ("depth", "x", "y")
+_STEPS = {"": (0, 0), "+x": (1, 0), "-x": (-1, 0), "+y": (0, 1), "-y": (0, -1)}
+_SCENES = 16  # Whose expected images are kept.
 
 
 def pair(left: Image, right: Image, ground: Ground) -> dict[str, float]:
     """Correlate the right image, warped by the true disparity, with the left."""
-    return _shifts("pair", left, right, ground, disparity_px=np.nan_to_num(ground.disparity_px))
+    return _shifts("pair", left, _moved(right, ground.disparity_px), ground)
 
 
 def dots(left: Image, ground: Ground) -> dict[str, float]:
     """Correlate the left image with the one that the simulator expects."""
-    nowhere = np.zeros_like(ground.disparity_px)
-    return _shifts("dots", left, ground.expected, ground, disparity_px=nowhere)
+    return _shifts("dots", left, _expected(ground), ground)
 
 
 def warped(image: Image, disparity_px: Image, dx: float = 0.0, dy: float = 0.0) -> Image:
@@ -42,16 +46,23 @@ def warped(image: Image, disparity_px: Image, dx: float = 0.0, dy: float = 0.0) 
     )
 
 
-def _shifts(
-    kind: str, one: Image, other: Image, ground: Ground, *, disparity_px: Image
-) -> dict[str, float]:
+def _moved(image: Image, disparity_px: Image) -> dict[str, Image]:
+    """An image seen from the left view, and a step to each side of that."""
+    return {
+        name: _standard(warped(image, disparity_px, dx * STEP_PX, dy * STEP_PX))
+        for name, (dx, dy) in _STEPS.items()
+    }
+
+
+@lru_cache(maxsize=_SCENES)
+def _expected(ground: Ground) -> dict[str, Image]:
+    """The same of the expected image, with which all readings of a scene are compared."""
+    return _moved(ground.expected, np.zeros_like(ground.disparity_px))
+
+
+def _shifts(kind: str, one: Image, moved: Mapping[str, Image], ground: Ground) -> dict[str, float]:
     """Peak of the correlation and its place in x and y, by bins."""
     flat = _standard(one)
-    steps = {"": (0, 0), "+x": (1, 0), "-x": (-1, 0), "+y": (0, 1), "-y": (0, -1)}
-    moved = {
-        name: _standard(warped(other, disparity_px, dx * STEP_PX, dy * STEP_PX))
-        for name, (dx, dy) in steps.items()
-    }
     products = {name: flat * image for name, image in moved.items()}
     powers = flat**2, moved[""] ** 2
     found = {}
