@@ -39,7 +39,9 @@ from sim.sensor import Sensor
 from sim.simulate_captures import scene_seed
 from sim.stage import Stage
 
-_SAMPLES = 4  # Paths of indirect light: a difference is asked for, and noise is common.
+# A difference is asked for, and noise is common.
+_SAMPLES = 4  # Paths of indirect light,
+_STEP_PX = 2.0  # and image motion between the moments of one exposure.
 
 
 @dataclass(slots=True, eq=False)
@@ -97,7 +99,7 @@ class Subject:
         """
         scene = self.estimates[number]()
         stage = Stage(scene)
-        layers = simulate.rendered(stage, self.sensor, samples=_SAMPLES)
+        layers = _traced(stage, self.sensor)
         return dataclasses.replace(self, scene=scene, _stage=stage, _layers=layers, _last={})
 
     def another(self, number: int) -> Subject:
@@ -115,7 +117,7 @@ class Subject:
         faulty = projector.dropped_dots or projector.shifted_dots_mrad
         layers = self._layers
         if faulty:
-            layers = simulate.rendered(self._stage, sensor, samples=_SAMPLES)
+            layers = _traced(self._stage, sensor)
         return dataclasses.replace(self, sensor=sensor, _layers=layers, _last={})
 
     def expose_again(self, *, seed: int) -> Reading:
@@ -166,7 +168,7 @@ class Subject:
             return self._layers
         if key not in self._last:
             self._last.clear()
-            self._last[key] = simulate.rendered(self._stage.of(scene), sensor, samples=_SAMPLES)
+            self._last[key] = _traced(self._stage.of(scene), sensor)
         return self._last[key]
 
     def _pairs(
@@ -184,6 +186,10 @@ class Subject:
 def _on_sensor(base: Sensor, settings: tuple[tuple[str, Value], ...]) -> Sensor:
     """Set effects; kept, as all scenes are asked for the same ones in turn."""
     return setting.on_sensor(base, dict(settings))
+
+
+def _traced(stage: Stage, sensor: Sensor) -> Layers:
+    return simulate.rendered(stage, sensor, samples=_SAMPLES, step_px=_STEP_PX)
 
 
 def _put_out(sensor: Sensor, pairs: Sequence[simulate.Pair]) -> Reading:
@@ -275,7 +281,7 @@ def of_scene(
         InputError: if no depth is known anywhere.
     """
     stage = Stage(scene)
-    layers = simulate.rendered(stage, sensor, samples=_SAMPLES)
+    layers = _traced(stage, sensor)
     if truth_m is None:
         truth_m = layers.truth.depth_m
     if not np.isfinite(truth_m).any():

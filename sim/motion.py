@@ -23,7 +23,7 @@ from sim.scene import Motion
 from sim.sensor import Sensor
 from sim.stage import Stage
 
-_STEP_PX = 0.5  # Image motion between one moment and the next.
+STEP_PX = 0.5  # Image motion between one moment and the next.
 _MOST_PX = 100.0  # Longer blur is no image, and takes minutes.
 _GRID_PX = 8  # Of the pixels whose motion is looked at.
 _NEAREST_M = 0.01  # What comes nearer counts as that near.
@@ -56,7 +56,7 @@ class Path:
 
 
 def paths(
-    stage: Stage, sensor: Sensor, left: Camera, exposure_s: float
+    stage: Stage, sensor: Sensor, left: Camera, exposure_s: float, *, step_px: float = STEP_PX
 ) -> tuple[Path | None, Path | None]:
     """Ways of the left and the right imager through one exposure; None where nothing moves.
 
@@ -65,6 +65,7 @@ def paths(
         sensor: with the imagers' rolling shutters.
         left: the left imager at time 0.
         exposure_s: integration time.
+        step_px: image motion between one moment and the next.
 
     Raises:
         BackendError: in a variant that cannot trace moving rays.
@@ -95,7 +96,7 @@ def paths(
             rate=opaque("Float", [rate]),
             delay=row * opaque("Float", [imager.rolling_shutter_s]),
             exposure_s=exposure_s,
-            steps=int(np.ceil(blur_px / _STEP_PX)),
+            steps=int(np.ceil(blur_px / step_px)),
         )
         for imager in (sensor.left, sensor.right)
     ]

@@ -24,7 +24,14 @@ from sim.specular import Specular
 from sim.stage import Stage
 
 
-def layers(stage: Stage, sensor: Sensor, *, subpixels: int = 2, exposure_s: float = 0.0) -> Layers:
+def layers(
+    stage: Stage,
+    sensor: Sensor,
+    *,
+    subpixels: int = 2,
+    exposure_s: float = 0.0,
+    step_px: float = motion.STEP_PX,
+) -> Layers:
     """Render what both imagers of a sensor receive, and the truth.
 
     Args:
@@ -32,6 +39,7 @@ def layers(stage: Stage, sensor: Sensor, *, subpixels: int = 2, exposure_s: floa
         sensor: geometry and projector; the layers are for 1 W.
         subpixels: n of the n x n fixed positions in a pixel.
         exposure_s: time that a moving sensor's views are averaged over (see `sim.motion`).
+        step_px: image motion between one of these views and the next.
 
     Returns:
         Layers with zero indirect light (see `sim.indirect`).
@@ -44,7 +52,7 @@ def layers(stage: Stage, sensor: Sensor, *, subpixels: int = 2, exposure_s: floa
         return placement.enlarged(render_scalar.layers(stage, sensor, subpixels=subpixels), scene)
     left, right = cameras(sensor, stage.scene.world_from_left)
     lights = Lights.of(stage, sensor)
-    paths = motion.paths(stage, sensor, left, exposure_s)
+    paths = motion.paths(stage, sensor, left, exposure_s, step_px=step_px)
     truth = _truth(stage, left, right, lights.projector)
     centres = (truth.depth_m, truth.material)  # The truth is the left imager's.
     rendered = Layers(

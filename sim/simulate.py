@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from patterns import errors
-from sim import imager, render
+from sim import imager, motion, render
 from sim.depth import DepthMap, disparity_from_depth
 from sim.imager import Infrared
 from sim.layers import Image, Layers, Mask, Truth, View
@@ -205,10 +205,18 @@ def infrared(
     )
 
 
-def rendered(stage: Stage, sensor: Sensor, *, samples: int = 16, seed: int = 0) -> Layers:
+def rendered(
+    stage: Stage,
+    sensor: Sensor,
+    *,
+    samples: int = 16,
+    seed: int = 0,
+    step_px: float = motion.STEP_PX,
+) -> Layers:
     """Render a scene's layers, for `expose` to make readings of (arguments as in `simulate`).
 
-    Where the sensor moves, for as long as its exposure control takes.
+    Where the sensor moves, for as long as its exposure control takes, in moments between which no
+    point moves by more than `step_px`.
     """
     errors.in_interval("samples", samples, 1, 4096, "16 are enough for most scenes.")
     errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
@@ -216,7 +224,7 @@ def rendered(stage: Stage, sensor: Sensor, *, samples: int = 16, seed: int = 0) 
     if sensor.left.auto_exposure_level and not stage.scene.motion.still:
         still = infrared(render.layers(stage, sensor), stage.scene, sensor, seed=seed)
         exposure_s = still.exposure.exposure_s
-    layers = render.layers(stage, sensor, exposure_s=exposure_s)
+    layers = render.layers(stage, sensor, exposure_s=exposure_s, step_px=step_px)
     if stage.scene.interreflection:
         from sim import indirect
 
