@@ -38,7 +38,7 @@ def main() -> None:
     whole = Path(os.environ["STARLING_CAPTURES"]) / asked.set
     part = asked.out / "captures"
     if not part.exists():
-        chosen(whole, part, asked.rooms, off=asked.off)
+        chosen(whole, part, asked.rooms)
     emitter = "off" if asked.off else None
     sensor = asked_sensor.load(asked.sensor, captures=str(part), emitter=emitter)
     with progress.on_stderr() as tell:
@@ -55,7 +55,7 @@ def main() -> None:
     print(f"{(time.perf_counter() - begun) / 60:.1f} minutes")
 
 
-def chosen(whole: Path, part: Path, rooms: list[str], *, off: bool) -> None:
+def chosen(whole: Path, part: Path, rooms: list[str]) -> None:
     """Write a capture set that has the first scene of each room."""
     first = {}
     for scene in capture.open_set(whole).scenes:
@@ -63,17 +63,7 @@ def chosen(whole: Path, part: Path, rooms: list[str], *, off: bool) -> None:
             first.setdefault(scene.room, scene)
     for scene in first.values():
         shutil.copytree(scene.path, part / scene.name)
-        for frame in (part / scene.name).glob("*/ir_left.png"):
-            if off:
-                dark(frame.parent)
     shutil.copy(whole / "capture.toml", part)
-
-
-def dark(frame: Path) -> None:
-    """Put the pair without projector in the other's place; depth is not of it."""
-    for side in ("left", "right"):
-        (frame / f"ir_{side}_off.png").replace(frame / f"ir_{side}.png")
-    (frame / "depth.png").unlink()
 
 
 if __name__ == "__main__":

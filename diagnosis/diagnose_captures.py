@@ -10,7 +10,7 @@ from typing import Any
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.report import figures as numbers
 from diagnosis.report.page import page
-from patterns.errors import one_of
+from patterns.errors import one_of, refuse
 from sim import backend, capture, effects, progress, record, sensors
 from sim.effects import setting
 from sim.output import RECORD, OutputFolder, refuse_own_input
@@ -45,7 +45,8 @@ def diagnose_captures(
         cache: folder that keeps what is simulated, for other runs.
         families: of effects that are tried; all if none.
         leave_out: families that are not.
-        fix: write the sensor with the accepted effects in; none where they exclude each other.
+        fix: write the sensor with the accepted effects in; none where they exclude each other, or
+            are all of the scene.
         residual: learn what physics misses, and tell how far that reaches.
         force: replace what was written before.
         asked: more arguments for the record.
@@ -76,9 +77,10 @@ def diagnose_captures(
         figures = numbers.figures(found)
         folder.write("report.json", record.dumps(figures))
         folder.write(PAGE, page(found))
-        fixable = fix and found.together
+        better = fixed(found, sensor)
+        fixable = fix and better != sensor
         if fixable:
-            folder.write(FIXED, sensors.dumps(fixed(found, sensor)))
+            folder.write(FIXED, sensors.dumps(better))
         folder.write(
             RECORD,
             record.dumps(
@@ -104,6 +106,7 @@ def diagnose_captures(
         "out": str(out),
         "report": str(out / PAGE),
         "fixed": str(out / FIXED) if fixable else None,
+        "not_in_sensor": _of_scenes(found, sensor),
         "seconds": round(time.perf_counter() - begun, 3),
     }
 
@@ -117,12 +120,24 @@ def _tried(families: Sequence[str], leave_out: Sequence[str]) -> list[str] | Non
         one_of("family", family, known)
     if not families and not leave_out:
         return None
-    return [family for family in families or known if family not in leave_out]
+    tried = [family for family in families or known if family not in leave_out]
+    if not tried:
+        rule = "must leave a family to try"
+        raise refuse("leave-out", rule, " ".join(leave_out), "Leave out fewer.")
+    return tried
 
 
 def fixed(found: Diagnosis, sensor: Sensor) -> Sensor:
-    """The sensor with the accepted effects in; what the scene has stays out."""
-    return setting.on_sensor(sensor, found.settings)
+    """The sensor with the accepted effects in, as it was where they exclude each other; what the
+    scene has stays out.
+    """
+    return setting.on_sensor(sensor, found.settings) if found.together else sensor
+
+
+def _of_scenes(found: Diagnosis, sensor: Sensor) -> list[str]:
+    """Accepted effects that no sensor file has, as they are the scene's."""
+    settings = found.settings.items() if found.together else ()
+    return [name for name, value in settings if setting.on_sensor(sensor, {name: value}) == sensor]
 
 
 def as_text(told: Mapping[str, Any]) -> str:
@@ -131,4 +146,6 @@ def as_text(told: Mapping[str, Any]) -> str:
     if told["fixed"] is not None:
         standing_in = told["verdict"] == "none of the known" and told["effects"]
         lines.append(f"Sensor: {told['fixed']}" + (", with stand-ins in it" if standing_in else ""))
+    if told["not_in_sensor"]:
+        lines.append(f"Of the scene, not of a sensor: {', '.join(told['not_in_sensor'])}")
     return "\n".join(lines)

@@ -17,7 +17,7 @@ from diagnosis.tell_apart import Told, tell_apart
 from diagnosis.where import where
 from diagnosis.where.where import Where
 from diagnosis.which.arm import Found
-from diagnosis.which.candidates import Arm
+from diagnosis.which.candidates import LEFT_OUT, Arm
 from patterns.errors import InputError, refuse
 from sim import progress
 from sim.capture import CaptureSet
@@ -56,6 +56,8 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose the gap between a capture set and a sensor, or another capture set of the scenes.
 
+    Simulates in processes of its own: call it below `if __name__ == "__main__"` in a script.
+
     Args:
         captures: scenes with reference depth or known geometry.
         sensor: the base: a preset or a calibrated sensor, with the captures' geometry.
@@ -91,6 +93,12 @@ def diagnose(
         ]
         found = named(screens, locked)
     limits, learnt = _limits(subjects, locked, found, scenes.aside, families), None
+    if captures.info.sensor != sensor.name:
+        limits.insert(
+            0,
+            f"These captures say that they are of a {captures.info.sensor}; the sensor at hand is "
+            f"called {sensor.name}.",
+        )
     if residual:
         try:
             learnt = learn(asked, locked, found.settings if found.together else {}, tell=tell)
@@ -135,10 +143,32 @@ def _limits(
         found.append("One room alone: nothing can be held out, so no effect is named.")
     elif not locked:
         found.append(f"Fewer than {LOCKED} rooms: how far the gap closes is not judged.")
-    if any(one.real.left is None for one in subjects):
-        found.append("No infrared: what images do cannot be told from what matcher and filters do.")
-    elif any(one.real.device_px is None for one in subjects):
-        found.append("No depth of the device's own: its matcher and filters are not judged.")
+    blind = [one.name for one in subjects if one.real.left is None]
+    if blind:
+        found.append(
+            f"No infrared{_of(blind, subjects)}: what images do cannot be told from what matcher "
+            "and filters do."
+        )
+    pairs_alone = [one.name for one in subjects if one.real.device_px is None]
+    if pairs_alone:
+        found.append(
+            f"No depth of the device's own{_of(pairs_alone, subjects)}: its matcher and filters "
+            "are not judged."
+        )
+    moved = [one.name for one in subjects if one.real.moved]
+    if moved:
+        found.append(
+            f"Repeats of {', '.join(moved)} differ by more than noise and light, as if something "
+            "had moved: what they tell of noise in time is wrong."
+        )
+    if len({repr(one.scene.ambient) for one in subjects}) > 1:
+        found.append(
+            "Scenes differ in ambient light: what is tried of it departs from the first scene's."
+        )
+    found.append(
+        f"Not tried, as single static readings of one size do not show them: "
+        f"{', '.join(sorted(LEFT_OUT))}."
+    )
     if not named.together:
         found.append(
             "Effects named of images and of depth exclude each other in one sensor: how far the "
@@ -149,10 +179,17 @@ def _limits(
     return found
 
 
+def _of(names: Sequence[str], subjects: Sequence[Subject]) -> str:
+    """Of which scenes, where it is not all of them."""
+    return f" of {', '.join(names)}" if len(names) < len(subjects) else ""
+
+
 def _told(
     arms: Sequence[Found], subjects: Sequence[Subject], tell: progress.Progress
 ) -> list[Told]:
-    """The best capture for every accepted effect and the first of its rivals."""
+    """For every accepted effect and the first of its rivals the capture that tells them apart with
+    least effort; where none does, the one that tells most.
+    """
     pairs: list[tuple[Mapping[str, Value], Mapping[str, Value], Arm]] = []
     for arm in arms:
         for one in arm.search.accepted:
@@ -168,5 +205,7 @@ def _told(
     found = []
     for first, second, arm in tell(pairs, "captures that would tell"):
         told = tell_apart(first, second, subjects[0], arm)
-        found += told[:1]
+        most = max(told, key=lambda one: one.deviations, default=None)
+        best = next((one for one in told if one.enough), most)
+        found += [] if best is None else [best]
     return found

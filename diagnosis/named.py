@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from diagnosis import rooms
 from diagnosis.crew import Crew
 from diagnosis.howfar.judged import Judged, judged
 from diagnosis.subject import Subject
@@ -23,7 +24,8 @@ from sim.effects.effect import Value
 
 Kind = Literal["effects", "no gap", "none of the known", "cannot tell"]
 
-LOCKED = 4  # One room in so many has no say in what is named.
+LOCKED = 4  # One room in so many has no say in what is named;
+_SURE = 8  # from so many rooms on no fewer than tell how sure a mean is.
 FEWEST = 2  # Rooms below which nothing can be held out.
 
 
@@ -41,11 +43,13 @@ class Named:
 def parted(subjects: Sequence[Subject]) -> tuple[list[Subject], list[Subject]]:
     """Subjects that are asked, and those locked away to tell how far.
 
-    One room in four is locked, by lot; none where fewer than four are there.
+    One room in four is locked, by lot, and of eight rooms and more at least three; none where fewer
+    than four are there.
     """
     names = sorted({one.room for one in subjects})
     order = np.random.default_rng(0).permutation(len(names))
-    held = {names[number] for number in order[: len(names) // LOCKED]}
+    count = max(len(names) // LOCKED, rooms.FEWEST if len(names) >= _SURE else 0)
+    held = {names[number] for number in order[:count]}
     asked = [one for one in subjects if one.room not in held]
     return asked, [one for one in subjects if one.room in held]
 

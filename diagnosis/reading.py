@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from patterns.errors import refuse
 from sim import measurement
-from sim.capture import CapturedScene
+from sim.capture import CapturedScene, Frame, GreyImage
 from sim.parts.imager import BIT_DEPTHS, Imager
 from sim.sensor import Sensor
 
 if TYPE_CHECKING:  # Loads a compiler.
     from sim.matching.memory import Memory
+
+# Repeats are still if of their differences, smoothed by so much, no more than a share of the pixels
+# is beyond so many codes and so many deviations of noise.
+_CALM_PX, _CALM_DN, _CALM, _CALM_SHARE = 5, 1.0, 6.0, 0.01
 
 Images = NDArray[np.unsignedinteger]
 Maps = NDArray[np.float32]
@@ -30,6 +36,7 @@ class Reading:
     right: Images | None
     ours_px: Maps | None  # Disparity by our matcher, of the first repeat; NaN where there is none.
     device_px: Maps | None  # Disparity by the device's own depth; NaN likewise.
+    moved: bool = False  # Whether repeats differ by more than noise and how much light there is.
 
     @property
     def depth_px(self) -> Maps:
@@ -58,12 +65,10 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
         InputError: as `CapturedScene.frame`, or if there is neither a pair nor depth.
     """
     frames = [scene.frame(number) for number in scene.frames]
-    pairs = [
-        (frame.ir_left, frame.ir_right)
-        for frame in frames
-        if frame.ir_left is not None and frame.ir_right is not None
-    ]
-    depths = [frame.depth_m for frame in frames if frame.depth_m is not None]
+    if frames[0].record.get("counts", "repeats") != "repeats":
+        frames = frames[:1]  # Steps of time, whose noise and scene are each their own.
+    dark = sensor.projector.power_w == 0
+    pairs, depths = _pairs(frames, dark=dark)
     count = min((len(many) for many in (pairs, depths) if many), default=0)
     if not count:
         raise refuse(
@@ -81,7 +86,43 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
         device_px=(
             np.stack([scene.info.disparity_px(one) for one in depths[:count]]) if depths else None
         ),
+        moved=left is not None and _moved(left),
     )
+
+
+def _pairs(
+    frames: Sequence[Frame], *, dark: bool
+) -> tuple[list[tuple[GreyImage, GreyImage]], list[Maps]]:
+    """Infrared pairs and depths of frames; those without projector where there are such and the
+    sensor has its off, of which no depth tells.
+    """
+    off = [(frame.ir_left_off, frame.ir_right_off) for frame in frames] if dark else []
+    pairs = [(one, other) for one, other in off if one is not None and other is not None]
+    if pairs:
+        return pairs, []
+    both = [(frame.ir_left, frame.ir_right) for frame in frames]
+    return (
+        [(one, other) for one, other in both if one is not None and other is not None],
+        [frame.depth_m for frame in frames if frame.depth_m is not None],
+    )
+
+
+def _moved(repeats: Images) -> bool:
+    """Whether smoothed repeats (n, h, w) differ where noise, and light as a whole, do not.
+
+    What is left of the differences after a common factor is compared with what noise of the size
+    that neighbours differ by would leave.
+    """
+    first, *others = (one.astype(np.float32) for one in repeats)
+    for one in others:
+        factor = float((first * one).sum()) / max(float((one * one).sum()), 1.0)
+        apart = first - factor * one
+        fine = apart - cv2.blur(apart, (3, 3))
+        noise = 1.4826 * float(np.median(np.abs(fine - np.median(fine)))) * 3 / np.sqrt(8)
+        smooth = np.abs(cv2.blur(apart, (_CALM_PX, _CALM_PX)))
+        if np.mean(smooth > _CALM_DN + _CALM * noise / _CALM_PX) > _CALM_SHARE:
+            return True
+    return False
 
 
 def alike(one: Reading, other: Reading) -> tuple[Reading, Reading]:
@@ -134,7 +175,8 @@ def _noisier(images: Images, imager: Imager, rng: np.random.Generator) -> Images
     signal = np.maximum(images - imager.black_level_dn, 0.0)
     variance = imager.shot_noise**2 * scale * signal + (scale * imager.read_noise_e) ** 2
     codes = np.rint(images + np.sqrt(variance) * rng.standard_normal(images.shape))
-    return np.clip(codes, 0, 2**imager.bit_depth - 1).astype(images.dtype)
+    ceiling = max(2**imager.bit_depth - 1, int(images.max()))  # Images may have more bits.
+    return np.clip(codes, 0, ceiling).astype(images.dtype)
 
 
 def written(disparity_px: Maps, sensor: Sensor) -> Maps:

@@ -127,7 +127,7 @@ class Subject:
             seed: of that noise.
         """
         assert self.against is not None
-        rng = np.random.default_rng(scene_seed(seed, self.name))
+        rng = np.random.default_rng(self._noise(seed))
         return exposed_again(self.against, self.sensor, rng)
 
     def rematch(self, settings: Mapping[str, Value], *, of: Reading | None = None) -> Reading:
@@ -151,8 +151,12 @@ class Subject:
         sensor, scene, layers = self._set(settings)
         if self.real.device_px is None:
             sensor = as_captured(sensor)
-        own = [scene_seed(seed, self.name) for seed in seeds]
+        own = map(self._noise, seeds)
         return summary([simulate.expose(layers, scene, sensor, seed=seed) for seed in own], sensor)
+
+    def _noise(self, seed: int) -> int:
+        """Seed of a scene's noise, which no simulated capture of that scene shares."""
+        return scene_seed(seed, f"diagnosis of {self.name}")
 
     def _set(self, settings: Mapping[str, Value]) -> tuple[Sensor, Scene, Layers]:
         sensor = _on_sensor(self.sensor, tuple(settings.items()))
@@ -175,7 +179,7 @@ class Subject:
         self, settings: Mapping[str, Value], seed: int
     ) -> tuple[Sensor, list[simulate.Pair]]:
         sensor, scene, layers = self._set(settings)
-        own = scene_seed(seed, self.name)
+        own = self._noise(seed)
         return sensor, [
             simulate.infrared(layers, scene, sensor, seed=own, frame=frame)
             for frame in range(self.frames)

@@ -20,6 +20,7 @@ def diagnose(
     cache: Path | None = None,
     families: tuple[str, ...] = (),
     leave_out: tuple[str, ...] = (),
+    emitter: Literal["on", "off"] | None = None,
     edits: Edits = (),
     fix: bool = False,
     residual: bool = False,
@@ -39,6 +40,7 @@ def diagnose(
         cache: folder that keeps what is simulated, for other runs on the same scenes.
         families: of effects (see `starling effects`) that are tried; all where none is named.
         leave_out: families that are not tried.
+        emitter: off diagnoses the pairs that were captured without the projector.
         fix: write sensor.toml with the accepted effects in.
         residual: train a network on what physics misses, to tell how much any explanation can close
             and how much of it the named effects take over; minutes.
@@ -47,7 +49,7 @@ def diagnose(
     from diagnosis import diagnose_captures as diagnosing
     from sim import asked_sensor, progress
 
-    camera = asked_sensor.load(sensor, captures=captures, edits=edits)
+    camera = asked_sensor.load(sensor, captures=captures, emitter=emitter, edits=edits)
     with progress.on_stderr() as tell:
         result = diagnosing.diagnose_captures(
             captures,
@@ -60,7 +62,7 @@ def diagnose(
             fix=fix,
             residual=residual,
             force=force,
-            asked={"sensor": sensor, "set": edits},
+            asked={"sensor": sensor, "emitter": emitter, "set": edits},
             tell=tell,
         )
     shell.say(result, json=common.json, as_text=diagnosing.as_text)

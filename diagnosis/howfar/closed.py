@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.rooms import draws
+from diagnosis.rooms import FEWEST, draws
 
 _LEVEL = 0.95
 _DRAWS = 2000
@@ -22,7 +22,7 @@ class Closed:
     after: float
     floor: float
     closed_pct: float | None  # Ratio of sums over scenes; None where nothing can be closed.
-    interval: tuple[float, float] | None  # 95 %, bootstrap over rooms; None of one room.
+    interval: tuple[float, float] | None  # 95 %, bootstrap over rooms; None of few.
 
 
 def closed(
@@ -36,7 +36,7 @@ def closed(
     """Compare three sets of distances, scene by scene.
 
     Args:
-        before: by figure, of each scene, with the base.
+        before: by figure, of each scene that has it, with the base.
         after: with the accepted effects.
         floor: of two readings that differ by noise alone.
         rooms: of the scenes.
@@ -44,11 +44,14 @@ def closed(
 
     Returns:
         By figure. A gap whose interval of before less floor holds 0 is no gap: not identifiable.
-        One room has no interval: there it is that every scene has a gap.
+        Fewer than three rooms have no interval: there it is that every scene has a gap.
     """
     found = {}
-    for name in before[0]:
-        columns = [np.array([one[name] for one in many], float) for many in (before, after, floor)]
+    for name in dict.fromkeys(name for one in before for name in one):
+        columns = [
+            np.array([one.get(name, np.nan) for one in many], float)
+            for many in (before, after, floor)
+        ]
         known = np.all([np.isfinite(column) for column in columns], axis=0)
         if known.any():
             of = [room for room, told in zip(rooms, known, strict=True) if told]
@@ -62,7 +65,7 @@ def _closed(
 ) -> Closed:
     times = draws(rooms, _DRAWS, np.random.default_rng(seed))
     closable = times @ (before - floor)
-    several = len(set(rooms)) > 1
+    several = len(set(rooms)) >= FEWEST
     tail = (1 - _LEVEL) / 2
     share, interval = None, None
     if (np.quantile(closable, tail) if several else (before - floor).min()) > 0:

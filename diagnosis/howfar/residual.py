@@ -49,7 +49,7 @@ class Absorption:
     gain_floor: float  # Of another simulated capture in the real one's place.
     closable: bool  # Whether before is above floor for sure.
     share: float | None  # Before less after, over before less floor; None where not known.
-    interval: tuple[float, float] | None  # 95 %, bootstrap over scenes; None of one scene.
+    interval: tuple[float, float] | None  # 95 %, bootstrap over rooms; None of few.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -98,6 +98,7 @@ def _arm(arm: Found) -> dict[str, Any]:
     return {
         "before": arm.search.before,
         "after": arm.search.after,
+        "noise": arm.screen.noise,
         "threshold": arm.search.threshold,
         "explained_below": arm.explained_below,
         "unexplained": arm.unexplained,

@@ -88,7 +88,7 @@ def _closed(one: Closed) -> str:
         return "Not identifiable: before and floor do not differ for sure."
     said = f"Closed by {number(one.closed_pct, '.0f')} %"
     if one.interval is None:
-        return f"{said}; one scene gives no interval."
+        return f"{said}; fewer than three rooms give no interval."
     return f"{said}, 95 % interval {interval(*one.interval, '.0f')} %."
 
 

@@ -97,13 +97,14 @@ def _made(of: Diagnosis) -> str:
             f"An effect is accepted if it gains at least the threshold: what the best of all "
             f"effects gains by chance, of {null.SEEDS} simulated readings of the base the 95 % "
             f"quantile, and no less than {number(null.LEAST_GAIN, '.0f')}. Another effect is not "
-            "separable from it if the threshold does not part their gains. A gap counts as "
-            "explained if its size after is below that of noise alone and "
+            "separable from it if it gains less by no more than the threshold or a tenth, or not "
+            "surely less when rooms are drawn anew. A gap counts as explained if its size after is "
+            "below that of noise alone and "
             f"{number(BEYOND_NOISE, '.2f')}, at most {number(UNEXPLAINED, '.2f')}, plus "
             f"{number(100 * OF_BEFORE[Arm.IMAGE], '.0f')} % of its size before "
             f"({number(100 * OF_BEFORE[Arm.DEPTH], '.0f')} % in the half of "
-            "matcher and filters), and what its effects leave of themselves when drawn anew. One "
-            f"room in {LOCKED} is locked away by lot and only judges how far."
+            f"matcher and filters). One room in {LOCKED}, of eight and more at least three, is "
+            "locked away by lot and only judges how far."
         )
         + (table(head, rows) if rows else "")
         + prose(

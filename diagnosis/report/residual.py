@@ -42,6 +42,6 @@ def _taken_over(of: Absorption) -> str:
         return "No effect is accepted that could take it over."
     said = f"Taken over by the effects: {number(100 * of.share, '.0f')} %"
     if of.interval is None:
-        return f"{said}; one scene gives no interval."
+        return f"{said}; fewer than three rooms give no interval."
     low, high = of.interval
     return f"{said}, 95 % interval {interval(100 * low, 100 * high, '.0f')} %."

@@ -15,12 +15,13 @@ from diagnosis.diagnosis import Diagnosis
 from diagnosis.report import pictures, scene
 from diagnosis.report.elements import Bar, chart, interval, percent, picture, points, prose
 from diagnosis.report.words import Words, words
-from diagnosis.where.maps import CAMERA, FIELD, Map
+from diagnosis.where.maps import CAMERA, FIELD, Map, OfBody
 from diagnosis.where.rules import Rule
 from diagnosis.where.swap import Part
 from diagnosis.where.table import Row
 
 ROWS = 15  # Of the bins, those of the smallest chance.
+BODIES = 12  # Of the objects, those with most of the gap.
 _CLEAR = 3.0  # Deviations.
 
 
@@ -68,6 +69,8 @@ def section(of: Diagnosis) -> str:
         + _maps(of)
         + f"<h3>One scene: {escape(of.shown.scene)}</h3>"
         + scene.section(of.shown, named, locked=of.shown.scene in of.locked, tried=bool(of.arms))
+        + "<h3>Which objects</h3>"
+        + _bodies(of.where.bodies, named)
         + "<h3>Which rules</h3>"
         + _rules(of.where.rules, named)
         + f"<h3>Which bins: the {min(ROWS, len(of.where.rows))} of the smallest chance</h3>"
@@ -188,6 +191,29 @@ def _tangents(cells: slice, count: int) -> str:
     return " to ".join(number(end, ".2f") for end in ends)
 
 
+def _bodies(bodies: tuple[OfBody, ...], named: Words) -> str:
+    if len({(one.scene, one.body) for one in bodies}) < 2:
+        return prose("Of the scenes no objects are known apart.")
+    most = sorted(bodies, key=lambda one: -abs(one.holes * one.pixels))[:BODIES]
+    cells = [
+        [
+            escape(one.scene),
+            escape(one.name),
+            escape(one.material),
+            f"{one.pixels:,}",
+            points(one.holes),
+            number(one.infrared, "+.3f"),
+        ]
+        for one in most
+    ]
+    head = ["Scene", "Object", "Material", "Pixels", "Gap in holes", "Infrared, log ratio"]
+    return table(head, cells, words=3) + prose(
+        f"The {len(most)} with most pixels gained or lost, of {len(bodies)}. Gap: {named.pair[0]} "
+        f"less {named.pair[1]}.",
+        quiet=True,
+    )
+
+
 def _rules(rules: tuple[Rule, ...], named: Words) -> str:
     if not rules:
         return prose("No rule about holes was found that other scenes confirm.")
@@ -223,6 +249,6 @@ def _rows(rows: tuple[Row, ...], named: Words) -> str:
     head = ["By", "Bin", "Gap in holes", "95 %", "Of the pixels", "Of the gap", "Chance"]
     return table(head, cells, words=2) + prose(
         f"Gap: pixels without depth, {named.pair[0]} less {named.pair[1]}. Chance: of as large a "
-        "gap in any bin, were the signs of scenes arbitrary.",
+        "gap in any bin, were the signs of rooms arbitrary.",
         quiet=True,
     )

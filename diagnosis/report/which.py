@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from html import escape
 
 from calibration.report.elements import counted, number, table
@@ -121,8 +120,6 @@ def _tell_apart(of: Diagnosis) -> str:
 
 def _capture(told: Told) -> str:
     pair = _against(told)
-    if not math.isfinite(told.deviations):
-        return f"{pair}: not known."
     far = f"{number(told.deviations, '.1f')} deviations apart"
     if told.enough:
         return f"{pair}: take {told.capture}; they would stand {far}."

@@ -16,6 +16,7 @@ from scipy import stats
 from diagnosis.ground import Ground, Mask
 from diagnosis.reading import Reading
 from diagnosis.rooms import FEWEST, means
+from sim.scene import Scene
 
 CAMERA, PROJECTOR = "camera", "projector"
 ROWS, COLUMNS = 18, 32  # Cells of a map.
@@ -42,6 +43,8 @@ class OfBody:
 
     scene: str
     body: int
+    name: str
+    material: str
     pixels: int
     infrared: float  # Logarithm of the real level over the base's; NaN without infrared.
     holes: float  # Share of real no-depth pixels less the base's.
@@ -75,14 +78,22 @@ def maps(
 
 
 def bodies(
-    names: Sequence[str],
+    scenes: Sequence[tuple[str, Scene]],
     base: Sequence[Reading],
     real: Sequence[Reading],
     grounds: Sequence[Ground],
 ) -> list[OfBody]:
-    """Compare object by object, those with most pixels first."""
+    """Compare object by object, those with most pixels first.
+
+    Args:
+        scenes: name of each, and what it is made of.
+        base: simulated readings, or other captures of the scenes.
+        real: what was captured.
+        grounds: of the scenes.
+    """
     found = []
-    for name, one, other, ground in zip(names, base, real, grounds, strict=True):
+    for (scene, made_of), one, other, ground in zip(scenes, base, real, grounds, strict=True):
+        known = {number: body for number, body in enumerate(made_of.bodies, 1)}
         gap = _gaps(one, other, ground)
         for body in np.unique(ground.body[ground.counted]):
             where = ground.counted & (ground.body == body)
@@ -91,8 +102,10 @@ def bodies(
             level = gap.get("infrared")
             found.append(
                 OfBody(
-                    scene=name,
+                    scene=scene,
                     body=int(body),
+                    name=known[body].name if body in known else "",
+                    material=known[body].material.name if body in known else "",
                     pixels=int(np.count_nonzero(where)),
                     infrared=float("nan") if level is None else float(np.nanmean(level[where])),
                     holes=float(np.nanmean(gap["holes"][where])),

@@ -30,7 +30,8 @@ class Rule:
     text: str  # As `level < 12 DN and edge > 12 px`.
     gap: float  # Share of no-depth pixels, second less first.
     area: float  # Share of the counted pixels.
-    share: float  # Share of the whole gap; NaN where there is next to none.
+    net: float  # What it adds to the gap of all pixels.
+    share: float  # That of the whole gap; NaN where there is next to none.
 
 
 def rules(
@@ -86,9 +87,12 @@ def rules(
             continue
         gap = float(np.nanmean(each))
         area = float(np.mean([np.mean(at == leaf) for at in leaves]))
-        share = gap * area / total if abs(total) > 1e-4 else float("nan")
-        found.append(Rule(text=text, gap=gap, area=area, share=share))
-    return sorted(found, key=lambda rule: -abs(rule.gap * rule.area))
+        net = float(
+            np.mean([(y * (at == leaf)).mean() for (_, y), at in zip(judge, leaves, strict=True)])
+        )
+        share = net / total if abs(total) > 1e-4 else float("nan")
+        found.append(Rule(text=text, gap=gap, area=area, net=net, share=share))
+    return sorted(found, key=lambda rule: -abs(rule.net))
 
 
 def _confirmed(learnt: float, judged: NDArray[np.float64]) -> bool:

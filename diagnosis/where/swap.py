@@ -36,7 +36,7 @@ class Part:
     rematched: float | None  # B; None where no infrared was captured.
     device: float | None  # C; None where no depth was captured.
     image: Difference | None  # B - A: mean over scenes, low and high over rooms.
-    matcher: Difference | None  # C - B.
+    matcher: Difference | None  # C - B, less D - A where the base has depth of its own.
 
     @property
     def image_share(self) -> float | None:

@@ -44,7 +44,7 @@ def where(subjects: Sequence[Subject]) -> Where:
     return Where(
         parts=swap.swap(base, real, grounds, rooms),
         maps=tuple(maps.maps(base, real, grounds, rooms)) if several else (),
-        bodies=tuple(maps.bodies([one.name for one in subjects], base, real, grounds)),
+        bodies=tuple(maps.bodies([(one.name, one.scene) for one in subjects], base, real, grounds)),
         rows=tuple(table.table(first, second, grounds, rooms)),
         rules=tuple(rules.rules(first, second, grounds, rooms)),
     )

@@ -25,8 +25,8 @@ from sim.effects.effect import Value
 CLOSER = 12  # Candidates that are simulated at more strengths.
 _WORTH_IT = 0.25  # Of the threshold, that one has to gain alone.
 # Size of what is left (`Likelihood.size`) above which something else is at work: what seeds alone
-# make and this much, no more than the second; and a share of what there was, as no effect is
-# simulated as it truly is.
+# make and this much, no more than the second or what seeds make; and a share of what there was, as
+# no effect is simulated as it truly is.
 BEYOND_NOISE, UNEXPLAINED = 0.35, 0.65
 OF_BEFORE = {Arm.IMAGE: 0.04, Arm.DEPTH: 0.1, Arm.WHOLE: 0.04}  # Matchers are told of less well.
 _NAMED = 3  # Groups of features that a lead names.
@@ -134,7 +134,8 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
     )
     closer = [one for one in alone[:CLOSER] if one.total > _WORTH_IT * screen.threshold]
     before = likelihood.size(likelihood.nothing)
-    explained = min(screen.noise + BEYOND_NOISE, UNEXPLAINED) + OF_BEFORE[bench.arm] * before
+    most = max(screen.noise, min(screen.noise + BEYOND_NOISE, UNEXPLAINED))
+    explained = most + OF_BEFORE[bench.arm] * before
     found = search.search(
         bench,
         likelihood,

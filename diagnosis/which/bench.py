@@ -32,7 +32,7 @@ Make = Callable[..., Row | None]  # Of a subject, columns and more.
 _BASE = "[]"  # What rows without effects are kept as.
 _OTHERS = (1, 2, 3)  # Devices, and seeds, in which effects are drawn anew,
 _RENDERED = (1,)  # or where each of them has to be rendered, which takes most of the time.
-_MADE = 5  # Of the features: another number, and what is kept is made again.
+_MADE = 6  # Of the features: another number, and what is kept is made again.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -205,7 +205,19 @@ class Bench:
 
     @cached_property
     def _digests(self) -> list[str]:
-        return [_digest(one, self.columns) for one in self.subjects]
+        return [
+            _digest(one, self.columns, self._base(number))
+            for number, one in enumerate(self.subjects)
+        ]
+
+    def _base(self, number: int) -> Row:
+        """A scene's base, simulated anew in each run, as all that is kept departs from it."""
+        key = (number, _BASE, 0)
+        if key not in self._kept:
+            (self._kept[key],) = self._made([key], simulated_row, {}, 0)
+        row = self._kept[key]
+        assert row is not None
+        return row
 
 
 def _others(settings: Mapping[str, Value]) -> tuple[int, ...]:
@@ -310,10 +322,11 @@ def _features(arm: Arm, reading: Reading, subject: Subject, ceiling: float) -> d
     return features.of_depth(reading, subject.ground)
 
 
-def _digest(subject: Subject, columns: Columns) -> str:
+def _digest(subject: Subject, columns: Columns, base: Row) -> str:
+    """Name of all that rows of a scene follow from; by the base's row also what else has a part."""
     what = (_MADE, record.versions(), columns, subject.name, subject.frames, subject.sensor)
     found = hashlib.sha256(repr(what).encode())
-    for image in (subject.ground.expected, subject.ground.disparity_px):
+    for image in (subject.ground.expected, subject.ground.disparity_px, base):
         found.update(np.ascontiguousarray(image).tobytes())
     pairs = [subject.real] if columns.arm is Arm.DEPTH else []
     pairs += [] if subject.against is None else [subject.against]

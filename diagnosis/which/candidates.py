@@ -18,8 +18,7 @@ _NODES = 4  # Strengths of an effect, to each side where it has two.
 _LEAST = 1 / 30  # The weakest over the strongest, of effects of both signs.
 _WIDE = 4.0  # Ranges above this ratio are stepped by factors.
 # Without a partner they do nothing, or repeats alone show them, or they change the image's size.
-_LEFT_OUT = frozenset({"rolling_shutter", "temporal_filter", "decimation", "registration"})
-_SIDES = ("x", "y", "z")
+LEFT_OUT = frozenset({"rolling_shutter", "temporal_filter", "decimation", "registration"})
 _MOVES = frozenset({"motion", "turning"})
 
 
@@ -51,7 +50,8 @@ class Candidate:
 def candidates(sensor: Sensor, scene: Scene, arm: Arm) -> list[Candidate]:
     """List what may have made a gap in one arm.
 
-    Rows are moved by their first parameter; those of a vector by each component.
+    Rows are moved by each of their parameters: those that do nothing while the first is at its
+    neutral, such as where a second projector stands, wait until that is accepted.
 
     Args:
         sensor: the base.
@@ -61,14 +61,11 @@ def candidates(sensor: Sensor, scene: Scene, arm: Arm) -> list[Candidate]:
     late = (Stage.MATCHER, Stage.POST)
     found = []
     for effect in effects.table():
-        if effect.name in _LEFT_OUT:
+        if effect.name in LEFT_OUT:
             continue
         if arm is not Arm.WHOLE and (effect.stage in late) != (arm is Arm.DEPTH):
             continue
         for number, parameter in enumerate(effect.parameters):
-            component = parameter.paths[0].rpartition(".")[2] in _SIDES
-            if number and not component:
-                continue
             base = setting.value(parameter, sensor, scene)
             if base is None:
                 continue

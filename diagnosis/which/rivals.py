@@ -24,7 +24,10 @@ def largest_drop(arms: Sequence[Arm]) -> str | None:
         before = _mean_size(likelihood.gap / likelihood.deviation)
         for one in signatures:
             after = [
-                _mean_size((likelihood.gap - one.at(place).change) / likelihood.deviation)
+                # What an effect makes unknown it does not explain.
+                _mean_size(
+                    (likelihood.gap - np.nan_to_num(one.at(place).change)) / likelihood.deviation
+                )
                 for place in places(one, _STEPS)
             ]
             drops[one.name] = float(np.max(before - np.stack(after)))

@@ -114,16 +114,16 @@ def search(
     starts = _starts(first, likelihood, folds, threshold)
     nothing = Model((), (), likelihood.nothing)
     model = next(filter(None, (_simulated(bench, likelihood, one) for one in starts)), nothing)
-    while model.terms and len(model.terms) < MOST:
-        wider = _wider(model, bench, likelihood, signatures, folds, threshold)
-        if wider is None:
-            break
-        model = wider
-    model = _thinned(bench, likelihood, model, threshold)
+    model = _grown(model, bench, likelihood, signatures, folds, threshold)
+    if likelihood.size(model.made()) > explained_below:
+        other = _exchanged(model, bench, likelihood, signatures, folds, threshold)
+        if other is not model:
+            model = _grown(other, bench, likelihood, signatures, folds, threshold)
     if likelihood.size(model.made()) > explained_below:
         whole = _completed(model, bench, likelihood, alone, folds, threshold)
         if whole is not model:
             model = _thinned(bench, likelihood, whole, threshold)
+    model = _borne_out(bench, likelihood, model, folds, threshold)
     explained = likelihood.size(model.made()) <= explained_below
     return Search(
         accepted=tuple(
@@ -154,6 +154,56 @@ def _starts(
     pairs.sort(key=lambda each: -each[0])
     alone = Model((best.signature,), (best.place,), likelihood.nothing)
     return [*(model for _, model in pairs), alone]
+
+
+def _grown(
+    model: Model,
+    bench: Bench,
+    likelihood: Likelihood,
+    signatures: Sequence[Signature],
+    folds: Folds,
+    threshold: float,
+) -> Model:
+    """Add effects while they gain enough; leave out what the others then make up for."""
+    while model.terms and len(model.terms) < MOST:
+        wider = _wider(model, bench, likelihood, signatures, folds, threshold)
+        if wider is None:
+            break
+        model = wider
+    return _thinned(bench, likelihood, model, threshold)
+
+
+def _exchanged(
+    model: Model,
+    bench: Bench,
+    likelihood: Likelihood,
+    signatures: Sequence[Signature],
+    folds: Folds,
+    threshold: float,
+) -> Model:
+    """Put others in the places of effects that they gain more than, given the rest.
+
+    The first may be a compromise of two effects, which shows once one of these is beside it.
+    """
+    for _ in range(_ROUNDS):
+        used = {one.name for one in model.terms}
+        rest = [one for one in signatures if one.name not in used]
+        better: list[tuple[float, int, Fit]] = []
+        for number, term in enumerate(model.terms):
+            given = model.made(without=number)
+            own = fit(term, likelihood, folds, given=given).total
+            others = (fit(one, likelihood, folds, given=given) for one in rest)
+            better += [(other.total - own, number, other) for other in others]
+        more, number, best = max(better, key=lambda each: each[0], default=(0.0, 0, None))
+        if best is None or more < threshold:
+            break
+        terms, at = list(model.terms), list(model.places)
+        terms[number], at[number] = best.signature, best.place
+        other = _simulated(bench, likelihood, Model(tuple(terms), tuple(at), model.beside))
+        if other is None or _gain(likelihood, other, model) < threshold:
+            break
+        model = other
+    return model
 
 
 def _wider(
@@ -260,6 +310,24 @@ def _thinned(bench: Bench, likelihood: Likelihood, model: Model, threshold: floa
         less = _simulated(bench, likelihood, model.only(kept, likelihood.nothing))
         if less is not None and _gain(likelihood, model, less) < threshold:
             model = less
+    return model
+
+
+def _borne_out(
+    bench: Bench, likelihood: Likelihood, model: Model, folds: Folds, threshold: float
+) -> Model:
+    """Leave out what, simulated with the others, no longer gains enough on held-out scenes."""
+    while model.terms:
+        gains = [
+            fit(one, likelihood, folds, given=model.made(without=number)).total
+            for number, one in enumerate(model.terms)
+        ]
+        worst = int(np.argmin(gains))
+        kept = [number for number in range(len(gains)) if number != worst]
+        less = _simulated(bench, likelihood, model.only(kept, likelihood.nothing))
+        if gains[worst] >= threshold or less is None:
+            break
+        model = less
     return model
 
 

@@ -60,7 +60,8 @@ def sharper(
     gained: float = 0.0,
 ) -> list[Fit]:
     """Fit candidates on top of others, those that gain most first, the best and those that come
-    near it simulated at the strength where each fits, until none fits elsewhere.
+    near it simulated at the strength where each fits, until none fits elsewhere or some rounds are
+    over.
 
     Between nodes an effect is only as right as a straight line is, and that must not decide. Nodes
     come first, for all that may come near: what is simulated at them serves other captures of the

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.which.candidates import Arm, candidates, nodes
+from diagnosis.which.candidates import LEFT_OUT, Arm, candidates, nodes
 from diagnosis.which.signature import Signature
 from sim import effects, sensors
 from sim.effects import setting
@@ -32,10 +32,14 @@ def test_without_infrared_every_effect_may_show_in_depth():
     assert whole == {one.name for one in ALL}
 
 
-def test_components_of_a_vector_are_candidates_of_their_own():
+def test_every_parameter_is_a_candidate_of_its_own():
+    """But of vectors that keep still, and what single readings do not show."""
     names = {one.name for one in ALL}
-    assert {"model_turn", "model_turn.y", "model_turn.z", "lens_blur"} <= names
-    assert "specular.roughness" not in names
+    others = {"model_turn", "model_turn.y", "model_turn.z", "range.far_m", "specular.roughness"}
+    assert others <= names
+    parameters = sum(len(row.parameters) for row in effects.table())
+    left_out = sum(len(effects.named(name).parameters) for name in LEFT_OUT)
+    assert len(names) == parameters - left_out
 
 
 @pytest.mark.parametrize("one", ALL, ids=lambda one: one.name)

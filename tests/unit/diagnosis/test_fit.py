@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis.which import null, search, strengths
+from diagnosis.which import null, rivals, search, strengths
 from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit, folds
 from diagnosis.which.likelihood import Likelihood, weights
@@ -140,6 +140,28 @@ def test_what_is_fitted_to_its_base_is_not_named():
     found = search._thinned(bench, likelihood, both, null.LEAST_GAIN)
     assert list(found.settings) == ["crosstalk"]
     np.testing.assert_array_equal(found.made().change, both.made().change)
+
+
+def test_a_compromise_gives_way_to_what_gains_more_beside_the_rest():
+    """And to nothing where it is the truth, or where the sensor cannot have what gains more."""
+    half = 0.7 * MADE["veil"].change + 0.3 * MADE["read_noise"].change
+    compromise = Signature(candidate("dot_blur"), VALUES, half)
+    bench: Any = FakeBench({**MADE, "dot_blur": compromise})
+    how: Any = {"folds": HELD, "threshold": null.LEAST_GAIN}
+
+    def exchanged(*truths: dict[str, float]) -> tuple[search.Model, search.Model]:
+        likelihood = BASE.likelihood(sum(map(bench.change, truths)) + noise(7), ONES)
+        terms = (compromise, MADE["crosstalk"])
+        first = search.Model(terms, (2.0, 1.0), likelihood.nothing)
+        model = search._simulated(bench, likelihood, first)
+        assert model is not None
+        return model, search._exchanged(model, bench, likelihood, SIGNATURES, **how)
+
+    _, found = exchanged({"veil": 0.5, "crosstalk": 0.4})
+    assert found.settings == pytest.approx({"veil": 0.5, "crosstalk": 0.4}, rel=0.1)
+    for truths in ([{"dot_blur": 0.5, "crosstalk": 0.4}], [{"veil": 1.0}, {"crosstalk": 0.4}]):
+        before, after = exchanged(*truths)
+        assert after is before
 
 
 def test_another_number_of_an_accepted_effect_is_found_where_more_is_left():
@@ -365,3 +387,24 @@ def test_a_feature_that_is_not_known_tells_nothing(gap, missing):
     same = change.copy()
     same[0, kept[0]] = 0
     np.testing.assert_allclose(likelihood.cost(Made(change)), likelihood.cost(Made(same)))
+
+
+def test_what_does_not_gain_enough_beside_the_others_is_left_out():
+    bench: Any = FakeBench()
+    for truth, left in (({"crosstalk": 0.4}, ["crosstalk"]), ({}, [])):
+        likelihood = likelihood_of(truth, 7)
+        terms = (MADE["crosstalk"], MADE["veil"])
+        both = search.Model(terms, (1.67, 0.1), likelihood.nothing)
+        found = search._borne_out(bench, likelihood, both, HELD, null.LEAST_GAIN)
+        assert list(found.settings) == left
+
+
+def test_the_largest_drop_is_no_feature_s_end():
+    """What an effect makes unknown it does not explain."""
+    likelihood = likelihood_of({"veil": 0.5}, 7)
+    ends = np.where(np.arange(4)[:, None, None] > 0, np.nan, 0.0) * np.ones((SCENES, FEATURES))
+    destroying = Signature(candidate("lens_blur"), VALUES, ends)
+    arms = [([destroying, MADE["veil"]], likelihood)]
+    assert rivals.largest_drop(arms) == "veil"
+    assert rivals.largest_drop([([destroying], likelihood)]) == "lens_blur"
+    assert rivals.largest_drop([]) is None

@@ -205,7 +205,7 @@ def test_the_bins_of_the_smallest_chance_are_listed():
 
 
 def test_rules_are_sentences():
-    rule = rules.Rule(text="level < 12 DN", gap=-0.051, area=0.034, share=0.41)
+    rule = rules.Rule(text="level < 12 DN", gap=-0.051, area=0.034, net=-0.0017, share=0.41)
     unknown = dataclasses.replace(rule, text="x > 3 px", gap=0.02, share=NAN)
     text = Reader(
         page(
@@ -257,7 +257,7 @@ def test_how_far_has_its_numbers():
     text = Reader(page(FULL)).text
     assert "before 0.25 after 0.125 floor 0.0625" in text
     assert "Closed by 67 %, 95 % interval [41, 83] %." in text
-    assert f"Closed by {MINUS}200 %; one scene gives no interval." in text
+    assert f"Closed by {MINUS}200 %; fewer than three rooms give no interval." in text
     assert f"before {MINUS}2.5 after {MINUS}3.5 floor {MINUS}3" in text
     assert "Not identifiable" in text and "before \N{EN DASH} after" in text
     assert "lens_blur 81 %" in text
@@ -362,7 +362,7 @@ def test_report_json_holds_what_the_page_shows():
 
 
 def test_the_printed_text_ends_with_the_report_s_place():
-    told = {"says": ["a.", "b."], "report": "out/report.html", "fixed": None}
+    told = {"says": ["a.", "b."], "report": "out/report.html", "fixed": None, "not_in_sensor": []}
     said = ["a.", "b.", "Report: out/report.html"]
     assert diagnose_captures.as_text(told).splitlines() == said
     told |= {"fixed": "out/sensor.toml", "verdict": "effects", "effects": ["veil"]}
@@ -371,6 +371,8 @@ def test_the_printed_text_ends_with_the_report_s_place():
     told["verdict"] = "none of the known"
     standing_in = f"{written}, with stand-ins in it"
     assert diagnose_captures.as_text(told).splitlines() == [*said, standing_in]
+    told["not_in_sensor"] = ["ambient", "motion"]
+    assert "Of the scene, not of a sensor: ambient, motion" in diagnose_captures.as_text(told)
 
 
 class FakeSubject:

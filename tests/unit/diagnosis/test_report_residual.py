@@ -51,7 +51,7 @@ def test_a_learned_residual_stands_beside_how_far():
 
 def test_of_one_scene_the_share_has_no_interval():
     text = page(made.diagnosis(residual=learnt(interval=None)))
-    assert "by the effects: 75 %; one scene gives no interval." in text
+    assert "by the effects: 75 %; fewer than three rooms give no interval." in text
     assert "take over 75 % of that." in text
 
 

@@ -98,7 +98,7 @@ def method(monkeypatch: pytest.MonkeyPatch) -> Knowing:
 
 def learn(settings: Mapping[str, float], **how: bool) -> residual.Residual:
     asked: Any = [Made(number, **how) for number in range(3)]
-    locked: Any = [Made(number, **how) for number in (3, 4)]
+    locked: Any = [Made(number, **how) for number in (3, 4, 5)]
     return residual.learn(asked, locked, settings)
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 
-from diagnosis import rooms
+from diagnosis import named, rooms
 
 ROOMS = ["hall", "attic", "hall", "porch"]
 
@@ -20,3 +23,15 @@ def test_scenes_of_one_room_are_drawn_together_and_as_many_rooms_as_there_are():
     np.testing.assert_array_equal(times[:, 0], times[:, 2])
     assert (times[:, [0, 1, 3]].sum(axis=1) == 3).all()
     assert np.allclose(times.mean(axis=0), 1, atol=0.15)
+
+
+def test_three_of_eight_rooms_are_locked_and_none_of_three():
+    def split(count: int) -> tuple[int, int]:
+        subjects: Any = [SimpleNamespace(room=str(number)) for number in range(count)]
+        asked, locked = named.parted(subjects)
+        assert not {one.room for one in asked} & {one.room for one in locked}
+        return len(asked), len(locked)
+
+    sizes = {3: 0, 4: 1, 7: 1, 8: 3, 12: 3, 16: 4}
+    assert {count: split(count)[1] for count in sizes} == sizes
+    assert all(sum(split(count)) == count for count in sizes)

@@ -10,6 +10,7 @@ import pytest
 from diagnosis.reading import Reading
 from diagnosis.where import maps as maps_of
 from diagnosis.where import rules, swap, table
+from sim.scenes import builtin
 from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, made
 
 SCENES = 6
@@ -133,10 +134,20 @@ def test_maps_show_a_gap_in_the_frame_that_it_stands_in():
     assert np.nanmean(np.abs(found["error", maps_of.CAMERA].mean)) < 0.05
 
 
+SCENE = builtin.wall(1.0)
+BODY = SCENE.bodies[0]  # The second that the ground has is none of the scene's.
+
+
 def test_a_gap_on_one_object_is_told_of_it():
     only = np.where(GROUND.body == 2, 2.0, 1.0)
-    found = maps_of.bodies(["a"], [pair_of(0, 1.0, 0.02)], [pair_of(1, only, 0.02)], [GROUND])
+    found = maps_of.bodies(
+        [("a", SCENE)], [pair_of(0, 1.0, 0.02)], [pair_of(1, only, 0.02)], [GROUND]
+    )
     assert [one.body for one in found] == [1, 2]
+    assert [(one.name, one.material) for one in found] == [
+        (BODY.name, BODY.material.name),
+        ("", ""),
+    ]
     assert abs(found[0].infrared) < 0.02 and found[1].infrared > 0.4
     assert all(abs(one.holes) < 0.03 for one in found)
 
@@ -145,7 +156,7 @@ def test_maps_do_without_infrared():
     bare = [dataclasses.replace(pair_of(n, 1.0, 0.02), left=None, right=None) for n in range(2)]
     found = maps_of.maps(bare, bare, [GROUND] * 2, ROOMS[:2])
     assert {one.quantity for one in found} == {"error", "holes"}
-    assert np.isnan(maps_of.bodies(["a"], bare[:1], bare[:1], [GROUND])[0].infrared)
+    assert np.isnan(maps_of.bodies([("a", SCENE)], bare[:1], bare[:1], [GROUND])[0].infrared)
 
 
 def test_a_rule_says_where_holes_are():
