@@ -92,6 +92,7 @@ def diagnose(
             for arm in open_arms(subjects, asked)
         ]
         found = named(screens, locked)
+        proposed = _told(found.arms, asked, crew, tell)
     limits, learnt = _limits(subjects, locked, found, scenes.aside, families), None
     if captures.info.sensor != sensor.name:
         limits.insert(
@@ -114,7 +115,7 @@ def diagnose(
         arms=found.arms,
         settings=found.settings,
         together=found.together,
-        tell_apart=tuple(_told(found.arms, asked, tell)),
+        tell_apart=tuple(proposed),
         howfar=found.howfar,
         residual=learnt,
         shown=shown((locked or subjects)[0], found.settings if found.together else {}),
@@ -185,7 +186,7 @@ def _of(names: Sequence[str], subjects: Sequence[Subject]) -> str:
 
 
 def _told(
-    arms: Sequence[Found], subjects: Sequence[Subject], tell: progress.Progress
+    arms: Sequence[Found], subjects: Sequence[Subject], crew: Crew, tell: progress.Progress
 ) -> list[Told]:
     """For every accepted effect and the first of its rivals the capture that tells them apart with
     least effort; where none does, the one that tells most.
@@ -202,9 +203,14 @@ def _told(
                 )
                 for rival in one.rivals[:1]
             ]
+    # Each of another scene, as the next is held by another process.
+    asked = [
+        crew.submit(subjects[number % len(subjects)].name, tell_apart, *pair)
+        for number, pair in enumerate(pairs)
+    ]
     found = []
-    for first, second, arm in tell(pairs, "captures that would tell"):
-        told = tell_apart(first, second, subjects[0], arm)
+    for one in tell(asked, "captures that would tell"):
+        told = one.result()
         most = max(told, key=lambda one: one.deviations, default=None)
         best = next((one for one in told if one.enough), most)
         found += [] if best is None else [best]

@@ -104,9 +104,9 @@ MENU = (
 
 
 def tell_apart(
+    of: Subject,
     one: Mapping[str, Value],
     other: Mapping[str, Value],
-    of: Subject,
     arm: Arm,
     *,
     menu: Sequence[Proposal] = MENU,
@@ -114,9 +114,9 @@ def tell_apart(
     """Simulate two rivals in every capture of a menu.
 
     Args:
+        of: a scene that was captured.
         one: settings of a rival.
         other: of the other.
-        of: a scene that was captured.
         arm: in which the rivals act.
         menu: captures that could be taken.
 

@@ -300,11 +300,11 @@ def test_a_capture_that_tells_is_found(place):
     scene = capture.open_set(place / "null").scenes[0]
     one = subject.subject(scene, sensor())
     menu = [proposal for proposal in MENU if proposal.cost == 1 and proposal.frames == 1]
-    told = tell_apart({"vertical_offset": 0.5}, {"veil": 0.05}, one, Arm.IMAGE, menu=menu)
+    told = tell_apart(one, {"vertical_offset": 0.5}, {"veil": 0.05}, Arm.IMAGE, menu=menu)
     assert told[0].enough and told[0].deviations >= told[-1].deviations
-    same = tell_apart({"veil": 0.05}, {"veil": 0.05}, one, Arm.IMAGE, menu=menu[:1])
+    same = tell_apart(one, {"veil": 0.05}, {"veil": 0.05}, Arm.IMAGE, menu=menu[:1])
     assert same[0].deviations == pytest.approx(0) and not same[0].enough
-    assert tell_apart({"veil": 0.05}, {"exposure": -1.0}, one, Arm.IMAGE, menu=menu[:1]) == []
+    assert tell_apart(one, {"veil": 0.05}, {"exposure": -1.0}, Arm.IMAGE, menu=menu[:1]) == []
 
 
 def test_what_a_capture_switches_off_no_rival_switches_on(place):
@@ -312,10 +312,10 @@ def test_what_a_capture_switches_off_no_rival_switches_on(place):
     one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
     dark = [each for each in MENU if "projector off" in each.text or "lens cap" in each.text]
     rivals = ({"projector_power": 0.1}, {"projector_power": 0.2})
-    told = tell_apart(*rivals, one, Arm.IMAGE, menu=dark)
+    told = tell_apart(one, *rivals, Arm.IMAGE, menu=dark)
     assert len(told) == 2 and all(each.deviations == 0 for each in told)
     lit = [each for each in MENU if "lamp" in each.text]
-    assert tell_apart(*rivals, one, Arm.IMAGE, menu=lit)[0].deviations > 1
+    assert tell_apart(one, *rivals, Arm.IMAGE, menu=lit)[0].deviations > 1
 
 
 def test_of_repeats_as_many_are_taken_as_there_are_of_all(place, tmp_path):
