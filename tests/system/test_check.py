@@ -37,7 +37,13 @@ from diagnosis.withheld.rendered import Rendered
 from sim import capture, sensors
 
 TRIED = ("gamma", "vignetting", "read_noise", "black_level", "median", "pixel_locking")
-STRONG = {"gamma": 0.2, "vignetting": 1.5, "read_noise": 20.0, "black_level": 4.0}
+STRONG = {
+    "gamma": 0.2,
+    "vignetting": 1.5,
+    "read_noise": 20.0,
+    "black_level": 4.0,
+    "pixel_locking": 0.08,
+}
 SMALL = tier.Tier(
     number=1,
     source="starling",
@@ -59,7 +65,13 @@ IN_PROCESS = {
     "diagnosis.batch": batch.main,
 }
 
-_NEUTRAL = {"gamma": 1.0, "vignetting": 0.0, "read_noise": 5.0, "black_level": 4.0}
+_NEUTRAL = {
+    "gamma": 1.0,
+    "vignetting": 0.0,
+    "read_noise": 5.0,
+    "black_level": 4.0,
+    "pixel_locking": 0.0,
+}
 
 
 @pytest.fixture(scope="module")

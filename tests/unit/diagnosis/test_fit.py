@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis.which import null, rivals, search, strengths
+from diagnosis.which import null, search, strengths
 from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit, folds
 from diagnosis.which.likelihood import Likelihood, weights
@@ -397,14 +397,3 @@ def test_what_does_not_gain_enough_beside_the_others_is_left_out():
         both = search.Model(terms, (1.67, 0.1), likelihood.nothing)
         found = search._borne_out(bench, likelihood, both, HELD, null.LEAST_GAIN)
         assert list(found.settings) == left
-
-
-def test_the_largest_drop_is_no_feature_s_end():
-    """What an effect makes unknown it does not explain."""
-    likelihood = likelihood_of({"veil": 0.5}, 7)
-    ends = np.where(np.arange(4)[:, None, None] > 0, np.nan, 0.0) * np.ones((SCENES, FEATURES))
-    destroying = Signature(candidate("lens_blur"), VALUES, ends)
-    arms = [([destroying, MADE["veil"]], likelihood)]
-    assert rivals.largest_drop(arms) == "veil"
-    assert rivals.largest_drop([([destroying], likelihood)]) == "lens_blur"
-    assert rivals.largest_drop([]) is None

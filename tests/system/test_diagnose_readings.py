@@ -1,0 +1,107 @@
+"""What is read of captures that are diagnosed, and what of it is noise."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from diagnosis import light_sets, reading, subject
+from diagnosis.withheld import case, shoot
+from sim import capture, simulate, simulate_captures
+from sim.sensor_edits import with_values
+from tests.system.test_diagnose import SCENES, sensor
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two repeats of one scene by a camera that nothing was done to."""
+    folder = tmp_path_factory.mktemp("readings")
+    light_sets.write(folder / "light", SCENES[:1], sensor())
+    one = case.Case(number=0, kind="null", settings={}, seed=7)
+    shoot.shoot(folder / "light", one, folder / "null", frames=2)
+    return folder
+
+
+def test_of_repeats_as_many_are_taken_as_there_are_of_all(place, tmp_path):
+    fewer = shutil.copytree(place / "null", tmp_path / "fewer")
+    (fewer / "clutter-1" / "1" / "ir_right.png").unlink()
+    two, one = (capture.open_set(of).scenes[0] for of in (place / "null", fewer))
+    first, second = reading.alike(*(reading.read(of, sensor()) for of in (two, one)))
+    assert first.repeats == second.repeats == 1
+    assert reading.read(two, sensor()).repeats == 2
+    assert subject.subject(one, sensor()).frames == 1
+
+
+def test_images_of_more_bits_are_matched_as_such(place):
+    scene = capture.open_set(place / "null").scenes[0]
+    seen = reading.read(scene, sensor())
+    deep = [image.astype(np.uint16) << 4 for image in (seen.left, seen.right)]
+    found = reading.matched(deep[0][:1], deep[1][:1], sensor())
+    both = np.isfinite(found) & np.isfinite(seen.ours_px)
+    assert both.mean() > 0.6 and np.median(np.abs(found - seen.ours_px)[both]) < 0.1
+
+
+def test_a_simulated_capture_has_other_noise_than_what_it_is_compared_with(place):
+    """Else what noise makes would be no gap where captures come of `starling simulate`."""
+    scene = capture.open_set(place / "null").scenes[0]
+    one = subject.subject(scene, sensor())
+    seed = simulate_captures.scene_seed(0, one.name)
+    layers = simulate.rendered(one._stage, sensor(), samples=4)
+    taken = simulate.infrared(layers, one.scene, sensor(), seed=seed).left
+    still = with_values(sensor(), [("imager.shot_noise", 0.0), ("imager.read_noise_e", 0.0)])
+    mean = simulate.infrared(layers, one.scene, still).left.astype(float)
+    simulated = one.simulate({}, seed=0).left
+    assert simulated is not None
+    noise = [(image - mean).ravel() for image in (taken, simulated[0])]
+    spread = [float(np.std(image)) for image in noise]
+    assert min(spread) > 0.3 and spread[0] == pytest.approx(spread[1], rel=0.1)
+    quantised = np.corrcoef([(image - mean).ravel() for image in simulated])[0, 1]
+    assert abs(np.corrcoef(noise)[0, 1] - quantised) < 0.05
+
+
+def test_pairs_without_the_projector_are_read_where_it_is_off(place, tmp_path):
+    """And no depth with them, which is of the others; where there are none the pairs there are."""
+    both = shutil.copytree(place / "null", tmp_path / "both")
+    frame = both / "clutter-1" / "0"
+    for side in ("left", "right"):
+        dark = cv2.imread(str(frame / f"ir_{side}.png"), cv2.IMREAD_UNCHANGED) // 2
+        cv2.imwrite(str(frame / f"ir_{side}_off.png"), dark)
+    code = np.full(sensor_shape(both), 1000, np.uint16)
+    for number in ("0", "1"):
+        cv2.imwrite(str(both / "clutter-1" / number / "depth.png"), code)
+    scene = capture.open_set(both).scenes[0]
+    off = with_values(sensor(), [("projector.power_w", 0.0)])
+    on, seen = reading.read(scene, sensor()), reading.read(scene, off)
+    assert on.device_px is not None and on.repeats == 2
+    assert seen.device_px is None and seen.repeats == 1
+    assert on.left is not None and seen.left is not None
+    np.testing.assert_array_equal(seen.left[0], on.left[0] // 2)
+    plain = capture.open_set(place / "null").scenes[0]
+    assert reading.read(plain, off).repeats == 2
+
+
+def sensor_shape(captures: Path) -> tuple[int, int]:
+    return capture.open_set(captures).info.shape
+
+
+def test_steps_of_time_are_no_repeats(place, tmp_path):
+    steps = shutil.copytree(place / "null", tmp_path / "steps")
+    scene = capture.open_set(steps).scenes[0]
+    assert reading.read(scene, sensor()).repeats == 2
+    (scene.path / "0" / "frame.json").write_text(json.dumps({"counts": "steps of time"}))
+    assert reading.read(scene, sensor()).repeats == 1
+
+
+def test_repeats_that_moved_are_noticed(place):
+    """A pixel to the side; not noise, nor a fifth more light."""
+    left = reading.read(capture.open_set(place / "null").scenes[0], sensor()).left
+    assert left is not None
+    first, second = left
+    brighter = np.clip(second * 1.2, 0, 255).astype(np.uint8)
+    assert not reading._moved(left) and not reading._moved(np.stack([first, brighter]))
+    assert reading._moved(np.stack([first, np.roll(second, 1, axis=1)]))
