@@ -24,7 +24,7 @@ class Tier:
     matcher: Literal["starling", "own", "none"]  # Whose depth the device has.
     first: int = 0  # Number of the first builtin scene; what rules were set on has others.
     sets: int = 6  # Of scenes.
-    scenes: int = 10  # Of a set; a quarter of them is locked away by the diagnosis.
+    scenes: int = 10  # Of a set; the diagnosis locks some of them away.
     width: int = 424  # [px]
     height: int = 240
     frames: int = 2
