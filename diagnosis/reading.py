@@ -143,7 +143,8 @@ def alike(one: Reading, other: Reading) -> tuple[Reading, Reading]:
         )
     count = min(one.repeats, other.repeats)
     first, second = (
-        Reading(
+        dataclasses.replace(
+            each,
             left=None if each.left is None or not paired else each.left[:count],
             right=None if each.right is None or not paired else each.right[:count],
             ours_px=each.ours_px if paired else None,

@@ -66,10 +66,12 @@ class Bench:
 
     def of(self, subjects: Sequence[Subject]) -> Bench:
         """The same scenes, captured otherwise; in the arm of matcher and filters nothing of what
-        was simulated holds for them.
+        was simulated holds for them, nor in others where repeats are more or fewer.
         """
         assert self.arm is not Arm.DEPTH
-        return dataclasses.replace(self, subjects=tuple(subjects))
+        repeats = [[one.frames for one in many] for many in (self.subjects, subjects)]
+        kept = self._kept if repeats[0] == repeats[1] else {}
+        return dataclasses.replace(self, subjects=tuple(subjects), _kept=kept)
 
     def real(self) -> Table:
         """What was captured."""

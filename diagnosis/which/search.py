@@ -323,9 +323,11 @@ def _borne_out(
             for number, one in enumerate(model.terms)
         ]
         worst = int(np.argmin(gains))
+        if gains[worst] >= threshold:
+            break
         kept = [number for number in range(len(gains)) if number != worst]
         less = _simulated(bench, likelihood, model.only(kept, likelihood.nothing))
-        if gains[worst] >= threshold or less is None:
+        if less is None:
             break
         model = less
     return model
