@@ -93,13 +93,8 @@ def diagnose(
         ]
         found = named(screens, locked)
         proposed = _told(found.arms, asked, crew, tell)
-    limits, learnt = _limits(subjects, locked, found, scenes.aside, families), None
-    if captures.info.sensor != sensor.name:
-        limits.insert(
-            0,
-            f"These captures say that they are of a {captures.info.sensor}; the sensor at hand is "
-            f"called {sensor.name}.",
-        )
+    device, learnt = captures.info.sensor, None
+    limits = _limits(device, subjects, locked, found, scenes.aside, families)
     if residual:
         try:
             learnt = learn(asked, locked, found.settings if found.together else {}, tell=tell)
@@ -123,6 +118,7 @@ def diagnose(
 
 
 def _limits(
+    device: str,
     subjects: Sequence[Subject],
     locked: Sequence[Subject],
     named: Named,
@@ -130,6 +126,12 @@ def _limits(
     families: Sequence[str] | None,
 ) -> list[str]:
     found = []
+    called = subjects[0].sensor.name
+    if device != called:
+        found.append(
+            f"These captures say that they are of a {device}; the sensor at hand is called "
+            f"{called}."
+        )
     if families is not None:
         found.append(f"Only effects of these families were tried: {', '.join(sorted(families))}.")
     if any(one.estimates for one in subjects):

@@ -192,7 +192,7 @@ def _tangents(cells: slice, count: int) -> str:
 
 
 def _bodies(bodies: tuple[OfBody, ...], named: Words) -> str:
-    if len({(one.scene, one.body) for one in bodies}) < 2:
+    if len(bodies) < 2:
         return prose("Of the scenes no objects are known apart.")
     most = sorted(bodies, key=lambda one: -abs(one.holes * one.pixels))[:BODIES]
     cells = [

@@ -50,6 +50,11 @@ class Model:
                 total = total + one.at(place)
         return total
 
+    def others(self, signatures: Sequence[Signature]) -> list[Signature]:
+        """Those that are none of its effects."""
+        used = {one.name for one in self.terms}
+        return [one for one in signatures if one.name not in used]
+
     def only(self, numbers: Sequence[int], beside: Made) -> Model:
         """Some of the effects, as strong as they are here.
 
@@ -186,8 +191,7 @@ def _exchanged(
     The first may be a compromise of two effects, which shows once one of these is beside it.
     """
     for _ in range(_ROUNDS):
-        used = {one.name for one in model.terms}
-        rest = [one for one in signatures if one.name not in used]
+        rest = model.others(signatures)
         better: list[tuple[float, int, Fit]] = []
         for number, term in enumerate(model.terms):
             given = model.made(without=number)
@@ -215,8 +219,7 @@ def _wider(
     threshold: float,
 ) -> Model | None:
     """Add the effect that gains most, if it gains enough."""
-    used = {one.name for one in model.terms}
-    rest = [one for one in signatures if one.name not in used]
+    rest = model.others(signatures)
     for best in sharper(rest, bench, likelihood, folds, threshold, model.made()):
         if best.total < threshold:
             break
@@ -345,8 +348,7 @@ def _accepted(
 ) -> Accepted:
     """What is told of one of the accepted; of stand-ins no rival is simulated closer."""
     given = model.made(without=number)
-    used = {one.name for one in model.terms}
-    rest = [one for one in signatures if one.name not in used]
+    rest = model.others(signatures)
     own = fit(model.terms[number], likelihood, folds, given=given)
     if explained:
         others = sharper(rest, bench, likelihood, folds, threshold, given, gained=own.total)
