@@ -19,6 +19,7 @@ from diagnosis.which.null import Base
 from diagnosis.which.search import Search
 from diagnosis.which.signature import Signature, signature
 from diagnosis.which.strengths import coarse
+from diagnosis.which.trial import Trial
 from sim import progress
 from sim.effects.effect import Value
 
@@ -136,15 +137,14 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
     before = likelihood.size(likelihood.nothing)
     most = max(screen.noise, min(screen.noise + BEYOND_NOISE, UNEXPLAINED))
     explained = most + OF_BEFORE[bench.arm] * before
-    found = search.search(
-        bench,
-        likelihood,
-        closer if before > screen.noise else [],
-        alone,
-        screen.folds,
+    trial = Trial(
+        bench=bench,
+        likelihood=likelihood,
+        folds=screen.folds,
         threshold=screen.threshold,
         explained_below=explained,
     )
+    found = search.search(trial, closer if before > screen.noise else [], alone)
     return Found(
         bench=bench,
         screen=screen,

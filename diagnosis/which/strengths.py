@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Candidate
-from diagnosis.which.fit import Fit, Folds, fit
-from diagnosis.which.likelihood import Likelihood
+from diagnosis.which.fit import Fit
 from diagnosis.which.made import Made
 from diagnosis.which.signature import Signature, with_node
+from diagnosis.which.trial import Trial
 from sim.effects.effect import Stage, Value
 
 _SHARP = 4  # Candidates that are simulated where they fit best,
@@ -50,14 +49,7 @@ def _tried(count: int, *, slow: bool) -> list[int]:
 
 
 def sharper(
-    signatures: Sequence[Signature],
-    bench: Bench,
-    likelihood: Likelihood,
-    folds: Folds,
-    threshold: float,
-    given: Made,
-    *,
-    gained: float = 0.0,
+    signatures: Sequence[Signature], trial: Trial, given: Made, *, gained: float = 0.0
 ) -> list[Fit]:
     """Fit candidates on top of others, those that gain most first, the best and those that come
     near it simulated at the strength where each fits, until none fits elsewhere or some rounds are
@@ -68,11 +60,13 @@ def sharper(
     same scenes.
 
     Args:
-        signatures, bench, likelihood, folds, threshold: as `search`.
+        signatures: of the candidates.
+        trial: the arm's.
         given: what others make.
         gained: by one that is simulated so already.
     """
-    found = _ranked([fit(one, likelihood, folds, given=given) for one in signatures])
+    threshold = trial.threshold
+    found = _ranked([trial.fit(one, given=given) for one in signatures])
     for _ in range(_ROUNDS):
         best = max([gained, *(one.total for one in found[:1])])
         if best < _PROMISING * threshold:
@@ -89,8 +83,8 @@ def sharper(
             break
         for number, one in enumerate(found):
             if one.name in values:
-                sharp = with_node(one.signature, values[one.name], bench)
-                found[number] = fit(sharp, likelihood, folds, given=given)
+                sharp = with_node(one.signature, values[one.name], trial.bench)
+                found[number] = trial.fit(sharp, given=given)
         found = _ranked(found)
     return found
 

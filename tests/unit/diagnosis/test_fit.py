@@ -16,8 +16,10 @@ from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit, folds
 from diagnosis.which.likelihood import Likelihood, weights
 from diagnosis.which.made import Made
+from diagnosis.which.model import Model, simulated
 from diagnosis.which.null import Base
 from diagnosis.which.signature import Signature
+from diagnosis.which.trial import Trial
 from sim import effects
 
 SCENES, FEATURES, SEEDS = 8, 40, 6
@@ -80,6 +82,16 @@ class FakeBench:
         return None
 
 
+def trial(bench: Any, likelihood: Likelihood, *, explained_below: float = 0.0) -> Trial:
+    return Trial(
+        bench=bench,
+        likelihood=likelihood,
+        folds=HELD,
+        threshold=null.LEAST_GAIN,
+        explained_below=explained_below,
+    )
+
+
 def reading(settings: dict[str, float], seed: int, bench: FakeBench | None = None) -> np.ndarray:
     change = (bench or FakeBench()).change(settings)
     assert change is not None
@@ -133,11 +145,10 @@ class WithPartner(FakeBench):
 
 
 def test_what_is_fitted_to_its_base_is_not_named():
-    bench: Any = FakeBench()
     likelihood = likelihood_of({"crosstalk": 0.4}, 7)
     terms = (MADE["crosstalk"], MADE["veil"])
-    both = search.Model(terms, (1.67, 0.0), likelihood.nothing)
-    found = search._thinned(bench, likelihood, both, null.LEAST_GAIN)
+    both = Model(terms, (1.67, 0.0), likelihood.nothing)
+    found = search._thinned(both, trial(FakeBench(), likelihood))
     assert list(found.settings) == ["crosstalk"]
     np.testing.assert_array_equal(found.made().change, both.made().change)
 
@@ -147,15 +158,14 @@ def test_a_compromise_gives_way_to_what_gains_more_beside_the_rest():
     half = 0.7 * MADE["veil"].change + 0.3 * MADE["read_noise"].change
     compromise = Signature(candidate("dot_blur"), VALUES, half)
     bench: Any = FakeBench({**MADE, "dot_blur": compromise})
-    how: Any = {"folds": HELD, "threshold": null.LEAST_GAIN}
 
-    def exchanged(*truths: dict[str, float]) -> tuple[search.Model, search.Model]:
+    def exchanged(*truths: dict[str, float]) -> tuple[Model, Model]:
         likelihood = BASE.likelihood(sum(map(bench.change, truths)) + noise(7), ONES)
-        terms = (compromise, MADE["crosstalk"])
-        first = search.Model(terms, (2.0, 1.0), likelihood.nothing)
-        model = search._simulated(bench, likelihood, first)
+        asked = trial(bench, likelihood)
+        first = Model((compromise, MADE["crosstalk"]), (2.0, 1.0), likelihood.nothing)
+        model = simulated(asked, first)
         assert model is not None
-        return model, search._exchanged(model, bench, likelihood, SIGNATURES, **how)
+        return model, search._exchanged(model, asked, SIGNATURES)
 
     _, found = exchanged({"veil": 0.5, "crosstalk": 0.4})
     assert found.settings == pytest.approx({"veil": 0.5, "crosstalk": 0.4}, rel=0.1)
@@ -177,12 +187,11 @@ def test_another_number_of_an_accepted_effect_is_found_where_more_is_left():
     closer = [fit(one, likelihood, HELD) for one in (shines, MADE["read_noise"])]
     idle = Signature(second, (-0.5, 0.0, 0.25, 0.5), np.zeros((4, SCENES, FEATURES)))
     alone = [*closer, fit(idle, likelihood, HELD)]
-    how: Any = {"threshold": null.LEAST_GAIN}
-    found = search.search(bench, likelihood, closer, alone, HELD, **how)
+    found = search.search(trial(bench, likelihood), closer, alone)
     assert list(found.settings) == ["second_projector", "second_projector.x"]
     assert found.settings["second_projector.x"] == pytest.approx(0.4, abs=0.06)
     assert found.after < 0.2 * found.before
-    enough = search.search(bench, likelihood, closer, alone, HELD, explained_below=1e6, **how)
+    enough = search.search(trial(bench, likelihood, explained_below=1e6), closer, alone)
     assert list(enough.settings) == ["second_projector"]
 
 
@@ -196,11 +205,9 @@ def test_rivals_of_stand_ins_are_not_simulated_closer(below, rounds, monkeypatch
         return strengths.sharper(*arguments, **gained)
 
     monkeypatch.setattr(search, "sharper", sharper)
-    bench: Any = FakeBench()
     likelihood = likelihood_of({"veil": 0.5}, 7)
     alone = [fit(one, likelihood, HELD) for one in SIGNATURES]
-    how: Any = {"threshold": null.LEAST_GAIN, "explained_below": below}
-    found = search.search(bench, likelihood, alone, alone, HELD, **how)
+    found = search.search(trial(FakeBench(), likelihood, explained_below=below), alone, alone)
     assert list(found.settings) == ["veil"] and 0 < found.after < 1.5
     assert len(beside) == rounds
 
@@ -291,14 +298,8 @@ def test_effects_that_exclude_each_other_are_not_named_together():
     full = FakeBench().change({"veil": 1.0})
     assert alone is not None and full is not None
     likelihood = BASE.likelihood(alone + full + noise(9), ONES)
-    found = search.search(
-        FakeBench(),  # type: ignore[arg-type]
-        likelihood,
-        [fit(MADE[name], likelihood, HELD) for name in NAMES],
-        [],
-        HELD,
-        threshold=null.LEAST_GAIN,
-    )
+    closer = [fit(MADE[name], likelihood, HELD) for name in NAMES]
+    found = search.search(trial(FakeBench(), likelihood), closer, [])
     assert found.settings and FakeBench().change(found.settings) is not None
 
 
@@ -317,14 +318,8 @@ def searched(
 ) -> search.Search:
     bench = bench or FakeBench()
     likelihood = likelihood_of(settings, 9, bench=bench)
-    return search.search(
-        bench,  # type: ignore[arg-type]
-        likelihood,
-        [fit(bench.made[name], likelihood, HELD) for name in names],
-        [],
-        HELD,
-        threshold=null.LEAST_GAIN,
-    )
+    closer = [fit(bench.made[name], likelihood, HELD) for name in names]
+    return search.search(trial(bench, likelihood), closer, [])
 
 
 def test_an_effect_is_simulated_where_it_fits_before_others_are_preferred():
@@ -390,10 +385,9 @@ def test_a_feature_that_is_not_known_tells_nothing(gap, missing):
 
 
 def test_what_does_not_gain_enough_beside_the_others_is_left_out():
-    bench: Any = FakeBench()
     for truth, left in (({"crosstalk": 0.4}, ["crosstalk"]), ({}, [])):
         likelihood = likelihood_of(truth, 7)
         terms = (MADE["crosstalk"], MADE["veil"])
-        both = search.Model(terms, (1.67, 0.1), likelihood.nothing)
-        found = search._borne_out(bench, likelihood, both, HELD, null.LEAST_GAIN)
+        both = Model(terms, (1.67, 0.1), likelihood.nothing)
+        found = search._borne_out(both, trial(FakeBench(), likelihood))
         assert list(found.settings) == left

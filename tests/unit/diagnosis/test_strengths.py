@@ -17,6 +17,7 @@ from diagnosis.which.made import Made, stacked
 from diagnosis.which.null import LEAST_GAIN
 from diagnosis.which.signature import Signature
 from diagnosis.which.signature import signature as simulated_signature
+from diagnosis.which.trial import Trial
 from sim import effects
 from sim.effects.effect import Value
 from tests.unit.diagnosis.test_fit import (
@@ -157,7 +158,8 @@ def bent(value: float, nodes: tuple[float, ...]) -> tuple[Signature, float, floa
     likelihood = BASE.likelihood(change + noise(5), ONES)
     one = simulated_signature(candidate("veil"), bench, nodes)
     assert one is not None
-    (found,) = strengths.sharper([one], bench, likelihood, HELD, LEAST_GAIN, likelihood.nothing)
+    asked = Trial(bench=bench, likelihood=likelihood, folds=HELD, threshold=LEAST_GAIN)
+    (found,) = strengths.sharper([one], asked, likelihood.nothing)
     return found.signature, float(found.value), found.total - fit(one, likelihood, HELD).total
 
 
