@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from patterns import errors
 from sim.capture import CapturedScene
 from sim.capture_info import CaptureInfo
-from sim.imager.exposure import Exposure
+from sim.imager.exposure import Exposure, recorded
 from sim.scene import Scene
 from sim.sensor import Sensor
 
@@ -86,7 +86,7 @@ def read(scene: CapturedScene) -> Observation:
         right_off=_float(first.ir_right_off),
         depth_m=first.depth_m,
         truth_m=scene.truth_m(),
-        exposure=_exposure(first.record),
+        exposure=recorded(first.record),
         repeats=np.stack(rows) if len(rows) > 1 else None,
     )
 
@@ -146,13 +146,6 @@ def truth_px(observation: Observation) -> Array | None:
     """Disparity (h, w) [px] that the reference depth means, NaN where unknown."""
     truth_m = observation.truth_m
     return None if truth_m is None else observation.info.disparity_px(truth_m)
-
-
-def _exposure(record: Mapping[str, Any]) -> Exposure | None:
-    seconds, gain = record.get("exposure_s"), record.get("gain")
-    if not isinstance(seconds, (int, float)) or not isinstance(gain, (int, float)):
-        return None
-    return Exposure(exposure_s=float(seconds), gain=float(gain))
 
 
 def _float(image: NDArray | None) -> Array | None:

@@ -9,7 +9,8 @@ from pathlib import Path
 from diagnosis.crew import Crew
 from diagnosis.howfar.judged import Judged
 from diagnosis.howfar.residual import Residual, learn
-from diagnosis.named import FEWEST, LOCKED, Kind, Named, named, open_arms, parted, screened
+from diagnosis.limits import limits_of
+from diagnosis.named import Kind, named, open_arms, parted, screened
 from diagnosis.report.shown import Shown, shown
 from diagnosis.scene_pairs import scene_pairs
 from diagnosis.subject import Subject, subject
@@ -17,7 +18,7 @@ from diagnosis.tell_apart import Told, tell_apart
 from diagnosis.where import where
 from diagnosis.where.where import Where
 from diagnosis.which.arm import Found
-from diagnosis.which.candidates import LEFT_OUT, Arm
+from diagnosis.which.candidates import Arm
 from patterns.errors import InputError, refuse
 from sim import progress
 from sim.capture import CaptureSet
@@ -93,8 +94,19 @@ def diagnose(
         ]
         found = named(screens, locked)
         proposed = _told(found.arms, asked, crew, tell)
-    device, learnt = captures.info.sensor, None
-    limits = _limits(device, subjects, locked, found, scenes.aside, families)
+    learnt = None
+    limits = limits_of(
+        captures.info.sensor,
+        subjects,
+        locked=bool(locked),
+        aside=scenes.aside,
+        families=families,
+    )
+    if not found.together:
+        limits.append(
+            "Effects named of images and of depth exclude each other in one sensor: how far the "
+            "gap closes is not judged, and no sensor has them all."
+        )
     if residual:
         try:
             learnt = learn(asked, locked, found.settings if found.together else {}, tell=tell)
@@ -115,76 +127,6 @@ def diagnose(
         residual=learnt,
         shown=shown((locked or subjects)[0], found.settings if found.together else {}),
     )
-
-
-def _limits(
-    device: str,
-    subjects: Sequence[Subject],
-    locked: Sequence[Subject],
-    named: Named,
-    aside: Sequence[str],
-    families: Sequence[str] | None,
-) -> list[str]:
-    found = []
-    called = subjects[0].sensor.name
-    if device != called:
-        found.append(
-            f"These captures say that they are of a {device}; the sensor at hand is called "
-            f"{called}."
-        )
-    if families is not None:
-        found.append(f"Only effects of these families were tried: {', '.join(sorted(families))}.")
-    if any(one.estimates for one in subjects):
-        found.append(
-            "Reflectance was estimated from these images: light, exposure, gain, fall-off and "
-            "reflectance are partly taken up by it, and are not separable."
-        )
-    if aside:
-        found.append(f"Only one of the two sets has these scenes, left aside: {', '.join(aside)}.")
-    rooms = {one.room for one in subjects}
-    if len(rooms) < FEWEST:
-        found.append("One room alone: nothing can be held out, so no effect is named.")
-    elif not locked:
-        found.append(f"Fewer than {LOCKED} rooms: how far the gap closes is not judged.")
-    blind = [one.name for one in subjects if one.real.left is None]
-    if blind:
-        found.append(
-            f"No infrared{_of(blind, subjects)}: what images do cannot be told from what matcher "
-            "and filters do."
-        )
-    pairs_alone = [one.name for one in subjects if one.real.device_px is None]
-    if pairs_alone:
-        found.append(
-            f"No depth of the device's own{_of(pairs_alone, subjects)}: its matcher and filters "
-            "are not judged."
-        )
-    moved = [one.name for one in subjects if one.real.moved]
-    if moved:
-        found.append(
-            f"Repeats of {', '.join(moved)} differ by more than noise and light, as if something "
-            "had moved: what they tell of noise in time is wrong."
-        )
-    if len({repr(one.scene.ambient) for one in subjects}) > 1:
-        found.append(
-            "Scenes differ in ambient light: what is tried of it departs from the first scene's."
-        )
-    found.append(
-        f"Not tried, as single static readings of one size do not show them: "
-        f"{', '.join(sorted(LEFT_OUT))}."
-    )
-    if not named.together:
-        found.append(
-            "Effects named of images and of depth exclude each other in one sensor: how far the "
-            "gap closes is not judged, and no sensor has them all."
-        )
-    if any(one.frames < 2 for one in subjects):
-        found.append("One frame a scene: noise in time is not seen.")
-    return found
-
-
-def _of(names: Sequence[str], subjects: Sequence[Subject]) -> str:
-    """Of which scenes, where it is not all of them."""
-    return f" of {', '.join(names)}" if len(names) < len(subjects) else ""
 
 
 def _told(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from patterns.errors import refuse
 from sim import measurement
 from sim.capture import CapturedScene, Frame, GreyImage
+from sim.imager.exposure import Exposure, recorded
 from sim.parts.imager import BIT_DEPTHS, Imager
 from sim.sensor import Sensor
 
@@ -37,6 +38,7 @@ class Reading:
     ours_px: Maps | None  # Disparity by our matcher, of the first repeat; NaN where there is none.
     device_px: Maps | None  # Disparity by the device's own depth; NaN likewise.
     moved: bool = False  # Whether repeats differ by more than noise and how much light there is.
+    exposure: Exposure | None = None  # That the camera recorded for the first repeat.
 
     @property
     def depth_px(self) -> Maps:
@@ -87,6 +89,7 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
             np.stack([scene.info.disparity_px(one) for one in depths[:count]]) if depths else None
         ),
         moved=left is not None and _moved(left),
+        exposure=recorded(frames[0].record),
     )
 
 

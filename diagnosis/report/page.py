@@ -6,7 +6,8 @@ from html import escape
 
 from calibration.report.elements import counted, listed, number, sentences, table
 from calibration.report.style import STYLE as COMMON
-from diagnosis.diagnosis import LOCKED, Diagnosis
+from diagnosis.diagnosis import Diagnosis
+from diagnosis.named import LOCKED
 from diagnosis.report import howfar, where, which
 from diagnosis.report import sentences as said
 from diagnosis.report.elements import prose

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +21,18 @@ class Exposure:
 
     exposure_s: float
     gain: float
+
+
+def recorded(record: Mapping[str, Any]) -> Exposure | None:
+    """The exposure that a frame's record (`frame.json`) tells; None where it tells none.
+
+    Args:
+        record: by key, `exposure_s` and `gain` among them.
+    """
+    seconds, gain = record.get("exposure_s"), record.get("gain")
+    if not isinstance(seconds, (int, float)) or not isinstance(gain, (int, float)):
+        return None
+    return Exposure(exposure_s=float(seconds), gain=float(gain))
 
 
 def electrons_per_radiance(imager: Imager, wavelength_nm: float, exposure_s: float) -> float:

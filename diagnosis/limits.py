@@ -1,0 +1,120 @@
+"""What captures cannot tell of a gap, and what is wrong with them: a sentence each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from diagnosis.named import FEWEST, LOCKED
+from diagnosis.subject import Subject
+from diagnosis.which.candidates import LEFT_OUT
+
+_SAME = 0.01  # Share by which exposures differ that count as one.
+
+
+def limits_of(
+    device: str,
+    subjects: Sequence[Subject],
+    *,
+    locked: bool,
+    aside: Sequence[str],
+    families: Sequence[str] | None,
+) -> list[str]:
+    """List them.
+
+    Args:
+        device: that the captures say they are of.
+        subjects: all scenes, at least one.
+        locked: whether some of them have no say in what is named.
+        aside: scenes that only one of two capture sets has.
+        families: of effects that were tried; None tried all.
+    """
+    return [
+        *_asked(device, subjects, aside, families),
+        *_rooms(subjects, locked=locked),
+        *_captured(subjects),
+        *_light(subjects),
+        "Not tried, as single static readings of one size do not show them: "
+        f"{', '.join(sorted(LEFT_OUT))}.",
+    ]
+
+
+def _asked(
+    device: str, subjects: Sequence[Subject], aside: Sequence[str], families: Sequence[str] | None
+) -> Iterator[str]:
+    called = subjects[0].sensor.name
+    if device != called:
+        yield (
+            f"These captures say that they are of a {device}; the sensor at hand is called "
+            f"{called}."
+        )
+    if families is not None:
+        yield f"Only effects of these families were tried: {', '.join(sorted(families))}."
+    if aside:
+        yield f"Only one of the two sets has these scenes, left aside: {', '.join(aside)}."
+
+
+def _rooms(subjects: Sequence[Subject], *, locked: bool) -> Iterator[str]:
+    if len({one.room for one in subjects}) < FEWEST:
+        yield "One room alone: nothing can be held out, so no effect is named."
+    elif not locked:
+        yield f"Fewer than {LOCKED} rooms: how far the gap closes is not judged."
+
+
+def _captured(subjects: Sequence[Subject]) -> Iterator[str]:
+    blind = [one.name for one in subjects if one.real.left is None]
+    if blind:
+        yield (
+            f"No infrared{_of(blind, subjects)}: what images do cannot be told from what matcher "
+            "and filters do."
+        )
+    pairs_alone = [one.name for one in subjects if one.real.device_px is None]
+    if pairs_alone:
+        yield (
+            f"No depth of the device's own{_of(pairs_alone, subjects)}: its matcher and filters "
+            "are not judged."
+        )
+    if any(one.frames < 2 for one in subjects):
+        yield "One frame a scene: noise in time is not seen."
+    moved = [one.name for one in subjects if one.real.moved]
+    if moved:
+        yield (
+            f"Repeats of {', '.join(moved)} differ by more than noise and light, as if something "
+            "had moved: what they tell of noise in time is wrong."
+        )
+
+
+def _light(subjects: Sequence[Subject]) -> Iterator[str]:
+    if any(one.estimates for one in subjects):
+        yield (
+            "Reflectance was estimated from these images: light, exposure, gain, fall-off and "
+            "reflectance are partly taken up by it, and are not separable."
+        )
+    if len({repr(one.scene.ambient) for one in subjects}) > 1:
+        yield "Scenes differ in ambient light: what is tried of it departs from the first scene's."
+    yield from _exposures(subjects)
+
+
+def _exposures(subjects: Sequence[Subject]) -> Iterator[str]:
+    imager = subjects[0].sensor.left
+    told = [one.real.exposure for one in subjects if one.real.exposure is not None]
+    if not told or imager.auto_exposure_level:
+        return
+    amounts = [one.exposure_s * one.gain for one in told]
+    if max(amounts) > (1 + _SAME) * min(amounts):
+        yield (
+            f"Scenes were exposed differently, {max(amounts) / min(amounts):.2f} times as much at "
+            "most, as their frame.json tells; the sensor at hand exposes all alike. Give it "
+            "auto_exposure_level, or diagnose those apart that were exposed alike."
+        )
+    elif abs(np.log(amounts[0] / (imager.exposure_s * imager.gain))) > _SAME:
+        yield (
+            f"frame.json tells of {told[0].exposure_s:g} s at gain {told[0].gain:g}; the sensor "
+            f"at hand has {imager.exposure_s:g} s at gain {imager.gain:g}. Set what is true there."
+        )
+
+
+def _of(names: Sequence[str], subjects: Sequence[Subject]) -> str:
+    """Of which scenes, where it is not all of them."""
+    return f" of {', '.join(names)}" if len(names) < len(subjects) else ""

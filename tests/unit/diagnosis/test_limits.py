@@ -1,0 +1,71 @@
+"""What a report says that captures cannot tell."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis.limits import limits_of
+from sim import sensors
+from sim.imager.exposure import Exposure
+from sim.sensor import Sensor
+from sim.sensor_edits import with_values
+
+SENSOR = sensors.load("d435")
+
+
+def scene(name: str = "a", *, room: str = "", sensor: Sensor = SENSOR, **real: Any) -> Any:
+    image = np.zeros((2, 3, 3))
+    given = {"left": image, "device_px": image, "moved": False, "exposure": None} | real
+    return SimpleNamespace(
+        name=name,
+        room=room or name,
+        sensor=sensor,
+        real=SimpleNamespace(**given),
+        frames=2,
+        estimates=(),
+        scene=SimpleNamespace(ambient=None),
+    )
+
+
+def told(*scenes: Any, device: str = SENSOR.name, locked: bool = True, **others: Any) -> str:
+    asked = {"aside": (), "families": None} | others
+    return " ".join(limits_of(device, scenes, locked=locked, **asked))
+
+
+def test_of_whole_captures_only_what_no_reading_shows_is_told():
+    (only,) = limits_of(SENSOR.name, [scene("a"), scene("b")], locked=True, aside=(), families=None)
+    assert only.startswith("Not tried")
+
+
+def test_every_lack_has_its_sentence():
+    assert "of a d415; the sensor at hand is called" in told(scene(), scene("b"), device="d415")
+    assert "One room alone" in told(scene("a", room="k"), scene("b", room="k"), locked=False)
+    assert "Fewer than 4 rooms" in told(scene(), scene("b"), locked=False)
+    assert "No infrared of b:" in told(scene(), scene("b", left=None))
+    assert "No infrared:" in told(scene(left=None), scene("b", left=None))
+    assert "No depth of the device's own of a:" in told(scene(device_px=None), scene("b"))
+    assert "Repeats of b differ" in told(scene(), scene("b", moved=True))
+    assert "left aside: c." in told(scene(), scene("b"), aside=["c"])
+    assert "families were tried: gain, veil." in told(scene(), families=["veil", "gain"])
+    lit = scene("b")
+    lit.scene.ambient, lit.frames, lit.estimates = 3.0, 1, (1,)
+    text = told(scene(), lit)
+    assert "differ in ambient" in text and "One frame" in text and "Reflectance was" in text
+
+
+@pytest.mark.parametrize(
+    "times, says", [((1.0, 1.0), ""), ((1.5, 1.5), "frame.json tells"), ((1.0, 2.0), "2.00 times")]
+)
+def test_exposures_that_frames_tell_of_are_compared_with_the_sensors(times, says):
+    imager = SENSOR.left
+    fixed = with_values(SENSOR, [("imager.auto_exposure_level", 0.0)])
+    for one in (fixed, with_values(SENSOR, [("imager.auto_exposure_level", 0.3)])):
+        shots = [Exposure(exposure_s=k * imager.exposure_s, gain=imager.gain) for k in times]
+        scenes = [scene(n, sensor=one, exposure=shot) for n, shot in zip("ab", shots, strict=True)]
+        text = told(*scenes)
+        assert ("expos" in text or "frame.json" in text) == bool(says and one is fixed)
+        assert not says or one is not fixed or says in text
