@@ -25,7 +25,7 @@ SMOOTHING_PX = 12.0  # Of the infrared image that is reflectance: no dot is left
 LEFT_BAND = 100 / 1280  # Share of the columns that have no match in the right image, or few.
 DRAWS = 8  # Of noise and speckle.
 _EVEN = 0.5  # Reflectance where none may be known.
-_MADE = 3  # How physics is made; raised when the same sensor and scene would give another.
+_MADE = 4  # How physics is made; raised when the same sensor and scene would give another.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
@@ -86,7 +86,7 @@ def example(scene: CapturedScene, *, simulation: Simulation | None = None) -> Ex
         raise _incomplete(scene, "depth.png")
     reflectance = None
     if frame.ir_left is not None:
-        reflectance = surfaces.reflectance(scene, smoothing_px=SMOOTHING_PX)
+        reflectance = surfaces.brightness(scene, smoothing_px=SMOOTHING_PX)
     plain = Example(
         scene=scene.name,
         room=scene.room,

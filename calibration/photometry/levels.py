@@ -17,8 +17,7 @@ from sim import frames
 from sim.imager import charge, electrons_per_radiance, smoothing
 from sim.imager.exposure import Exposure
 from sim.layers import Image, Mask, View
-from sim.light.received import Received, received
-from sim.optics import image as optics
+from sim.light.signals import signals
 from sim.pinhole import Pinhole
 from sim.scene import Scene
 from sim.sensor import Imager, Sensor
@@ -64,21 +63,19 @@ def expected(view: View, scene: Scene, sensor: Sensor, side: Side, exposure: Exp
     imager, wavelength = part(sensor, side), sensor.projector.wavelength_nm
     step = exposure.gain * imager.ceiling_dn / imager.full_well_e
     scale = np.float32(electrons_per_radiance(imager, wavelength, exposure.exposure_s) * step)
-    dark = dataclasses.replace(scene.ambient, irradiance_w_m2=0.0)
-    light = received(view, dataclasses.replace(scene, ambient=dark), sensor, seed=0, frame=0)
-    none = np.zeros_like(view.ambient)
+    apart = signals(view, scene, sensor, side)
 
-    def signal(laser: Image, rest: Image) -> Image:
-        if not (laser.any() or rest.any()):
-            return none
-        parts = Received(laser=laser, rest=rest)
-        formed = optics.image(parts, view.depth_m, sensor, side, seed=0) * scale
-        return smoothing.smoothed(charge.crosstalk(formed, imager.crosstalk), imager.smoothing_px)
+    def signal(light: Image) -> Image:
+        if not light.any():
+            return light
+        return smoothing.smoothed(
+            charge.crosstalk(light * scale, imager.crosstalk), imager.smoothing_px
+        )
 
     return Levels(
-        laser=signal(light.laser, none),
-        ambient=signal(none, view.ambient),
-        other=signal(none, light.rest),
+        laser=signal(apart.laser),
+        ambient=signal(apart.ambient),
+        other=signal(apart.other),
         lens_log_cos=np.asarray(-0.5 * np.log1p(Pinhole.of(sensor).tangent_squared()), np.float32),
         projector_log_cos=_projector_log_cos(view.depth_m, sensor, side),
         dark_dn=imager.dark_current_e_s * exposure.exposure_s * step,

@@ -32,7 +32,7 @@ Make = Callable[..., Row | None]  # Of a subject, columns and more.
 _BASE = "[]"  # What rows without effects are kept as.
 _OTHERS = (1, 2, 3)  # Devices, and seeds, in which effects are drawn anew,
 _RENDERED = (1,)  # or where each of them has to be rendered, which takes most of the time.
-_MADE = 6  # Of the features: another number, and what is kept is made again.
+_MADE = 7  # Of the features: another number, and what is kept is made again.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

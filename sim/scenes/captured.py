@@ -1,7 +1,8 @@
-"""A real capture as a scene: its reference depth as surface, its infrared as reflectance."""
+"""A real capture as a scene: reference depth as surface, reflectance and light by its infrared."""
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import cv2
@@ -9,17 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from patterns import errors
-from sim.capture import CapturedScene, open_set
-from sim.optics import shading
-from sim.pinhole import Pinhole
+from sim.capture import CapturedScene, Frame, GreyImage, open_set
 from sim.scene import Material, Scene
-from sim.scenes import depth_surface, dots_off
+from sim.scenes import depth_surface, dots_off, room_light
+from sim.scenes.room_light import LIT_ROOM_W_M2, Lit
 from sim.scenes.unmixed import unmixed
 from sim.sensor import Sensor
 
 Array = NDArray[np.float32]
-
-_MEAN_REFLECTANCE = 0.5  # Assumed: brightness alone cannot tell light from reflectance.
 
 
 def load(
@@ -27,87 +25,140 @@ def load(
 ) -> Scene:
     """Turn one scene of a capture set into a scene to simulate.
 
-    The infrared image is the reflectance estimate: projector off where that was captured, else
-    the image with its dots subtracted (`sim.scenes.dots_off`). What the sensor's own lens darkens
-    off the axis is taken out: it comes again when the scene is simulated.
-
     Args:
         path: the scene's folder.
-        sensor: that the captures are of, as far as its left lens's vignetting goes.
+        sensor: whose projector, lens and noise the captures are of, as far as is known.
+        smoothing_px: as in `lit`.
+        within_surfaces: likewise.
+
+    Raises:
+        InputError: if the folder is no scene of a capture set, or as `lit`.
+    """
+    captures = open_set(path)
+    if len(captures.scenes) != 1:
+        raise errors.refuse(
+            "scene", "must be one scene of a capture set", path, "Name one of its folders."
+        )
+    (scene,) = captures.scenes
+    told = lit(scene, sensor, smoothing_px=smoothing_px, within_surfaces=within_surfaces)
+    return surface(scene, told)
+
+
+def surface(scene: CapturedScene, told: Lit) -> Scene:
+    """Turn a captured scene's reference into a scene, whatever its light is taken for.
+
+    Args:
+        scene: of a capture set, with reference depth.
+        told: reflectance in the left view, and ambient light.
+
+    Raises:
+        InputError: if there is no reference depth.
+    """
+    return depth_surface.scene(
+        scene.name,
+        _disparity_px(scene),
+        scene.info,
+        Material(name="as seen"),
+        reflectance=told.reflectance,
+        ambient_w_m2=told.ambient_w_m2,
+    )
+
+
+def lit(
+    scene: CapturedScene,
+    sensor: Sensor,
+    *,
+    smoothing_px: float = 0.0,
+    within_surfaces: bool = False,
+) -> Lit:
+    """Estimate reflectance and ambient light from the first infrared image.
+
+    The sensor's projector and lens light the reference surface, with the captures' geometry if the
+    sensor has another; what that does not explain of the image is reflectance. With a projector-off
+    image that is the reflectance's, else the dots are taken out (`sim.scenes.dots_off`). How
+    strongly they stand out tells of ambient light (`sim.scenes.room_light`).
+
+    Args:
+        scene: of a capture set.
+        sensor: that the captures are of.
         smoothing_px: sigma of a Gaussian that the image is smoothed by as it is, dots and all, so
             that nothing of its detail gets into the scene; 0 takes out the dots instead.
         within_surfaces: what the Gaussian mixed across depth edges is parted again, by means of the
             reference depth alone (`sim.scenes.unmixed`).
 
     Raises:
-        InputError: if smoothing_px is not 0 to 100, the folder is no scene of a capture set, or
-            has no reference depth or no infrared image.
+        InputError: if smoothing_px is not 0 to 100, or there is no reference depth or no infrared
+            image.
     """
+    from sim import render
+    from sim.light.signals import signals
+    from sim.stage import Stage
+
     errors.in_interval("smoothing_px", smoothing_px, 0.0, 100.0, "12 leaves no dots.")
-    captures = open_set(path)
-    if len(captures.scenes) != 1:
-        raise errors.refuse(
-            "scene", "must be one scene of a capture set", path, "Name one of its folders."
-        )
-    scene, info = captures.scenes[0], captures.info
-    truth = scene.truth_m()
-    if truth is None:
-        raise _incomplete(path)
-    disparity_px = info.disparity_px(truth)
-    seen = reflectance(
-        scene,
-        vignetting=sensor.left.lens.vignetting,
-        smoothing_px=smoothing_px,
-        surfaces_px=disparity_px if within_surfaces else None,
-    )
-    return of_reflectance(scene, disparity_px, seen)
+    frame = scene.frame(scene.frames[0])
+    disparity_px, black_dn = _disparity_px(scene), sensor.left.black_level_dn
+    seen = _seen(scene, frame, black_dn)
+    if not scene.info.are_of(sensor):
+        sensor = scene.info.geometry_into(sensor)
+    even = surface(scene, Lit(np.full(disparity_px.shape, 0.5, np.float32), LIT_ROOM_W_M2))
+    light = signals(render.layers(Stage(even), sensor).left, even, sensor, "left")
+    ambient = LIT_ROOM_W_M2
+    if frame.ir_left is not None:
+        dotted = _level(scene, frame.ir_left, black_dn)
+        ambient = room_light.ambient_w_m2(dotted, light, sensor.left)
+    off = frame.ir_left_off is not None
+    if off:  # Then ambient light alone is seen.
+        light = dataclasses.replace(light, laser=np.zeros_like(light.laser))
+
+    def detail(image: Array) -> Array:
+        if smoothing_px > 0:
+            parted = disparity_px if within_surfaces else None
+            return _smoothed(image, smoothing_px, parted)
+        return image if off else np.maximum(dots_off.removed(image), 0)
+
+    return Lit(room_light.reflectance(seen, light, ambient, detail), ambient)
 
 
-def of_reflectance(scene: CapturedScene, disparity_px: Array, reflectance: Array) -> Scene:
-    """Turn a captured scene's reference into a scene, whatever its reflectance is taken for.
-
-    Args:
-        scene: of a capture set.
-        disparity_px: (h, w) its reference; NaN where unknown.
-        reflectance: (h, w).
-    """
-    return depth_surface.scene(
-        scene.name, disparity_px, scene.info, Material(name="as seen"), reflectance=reflectance
-    )
-
-
-def reflectance(
-    scene: CapturedScene,
-    *,
-    vignetting: float = 0.0,
-    smoothing_px: float = 0.0,
-    surfaces_px: Array | None = None,
-) -> Array:
-    """Estimate reflectance (h, w) from the first infrared image, up to an assumed mean.
+def brightness(scene: CapturedScene, *, smoothing_px: float) -> Array:
+    """The first infrared image smoothed (h, w), 0.5 in the mean; light and reflectance in one.
 
     Args:
         scene: of a capture set.
-        vignetting: exponent of the left lens's (see `sim.parts.imager.Lens`), which is taken out.
-        smoothing_px: as in `load`.
-        surfaces_px: (h, w) reference disparity, at whose jumps the smoothed image is parted.
+        smoothing_px: sigma of a Gaussian.
 
     Raises:
         InputError: if there is no infrared image.
     """
-    info, frame = scene.info, scene.frame(scene.frames[0])
-    lit = frame.ir_left if frame.ir_left_off is None else frame.ir_left_off
-    if lit is None:
-        raise _incomplete(scene.path)
-    level = np.maximum(lit.astype(np.float32) - np.float32(info.black_level_dn or 0.0), 0)
-    if smoothing_px > 0:
-        level = np.asarray(cv2.GaussianBlur(level, (0, 0), smoothing_px), np.float32)
-        if surfaces_px is not None:
-            level = unmixed(level, surfaces_px, smoothing_px)
-    elif frame.ir_left_off is None:
-        level = np.maximum(dots_off.removed(level), 0)
-    level = level / shading.vignetting(vignetting, Pinhole.of(info))
-    scale = _MEAN_REFLECTANCE / max(float(level.mean()), 1e-6)
+    level = _smoothed(_seen(scene, scene.frame(scene.frames[0]), 0.0), smoothing_px, None)
+    scale = 0.5 / max(float(level.mean()), 1e-6)
     return np.clip(level * np.float32(scale), 0.01, 0.95).astype(np.float32)
+
+
+def _smoothed(image: Array, sigma_px: float, parted_px: Array | None) -> Array:
+    """Smooth an image, within surfaces where disparity parts them."""
+    smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.float32)
+    return smooth if parted_px is None else unmixed(smooth, parted_px, sigma_px)
+
+
+def _seen(scene: CapturedScene, frame: Frame, black_dn: float) -> Array:
+    """Level of the image that tells reflectance: with the projector off, where there is such."""
+    image = frame.ir_left if frame.ir_left_off is None else frame.ir_left_off
+    if image is None:
+        raise _incomplete(scene.path)
+    return _level(scene, image, black_dn)
+
+
+def _level(scene: CapturedScene, image: GreyImage, black_dn: float) -> Array:
+    """An image (h, w) [DN above black]; the black level is another's where captures tell none."""
+    told = scene.info.black_level_dn
+    return np.maximum(image.astype(np.float32) - np.float32(black_dn if told is None else told), 0)
+
+
+def _disparity_px(scene: CapturedScene) -> Array:
+    truth_m = scene.truth_m()
+    if truth_m is None:
+        raise _incomplete(scene.path)
+    return scene.info.disparity_px(truth_m)
 
 
 def _incomplete(path: Path) -> errors.InputError:

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from sim.capture_info import CaptureInfo
 from sim.scene import Ambient, Body, Material, Scene
 from sim.scenes import depth_mesh
+from sim.scenes.room_light import LIT_ROOM_W_M2
 
 Array = NDArray[np.float32]
 
-# Makes the D415 preset's dots modulate the light by 0.1 to 0.35, as measured in lit rooms.
-_LIT_ROOM_W_M2 = 0.4
 _PATCHED_PX = 8.0  # What continues from different places is joined up to this step.
 _MARGIN_PX = 128  # Beyond the image, for what only the right imager sees.
 _SOFT_PX = 9  # Side of the square whose mean reflectance a surface goes on with behind an edge.
@@ -27,6 +26,7 @@ def scene(
     material: Material,
     *,
     reflectance: Array | None = None,
+    ambient_w_m2: float = LIT_ROOM_W_M2,
 ) -> Scene:
     """Turn a map of reference disparity into a scene: closed, smoothed, going on behind edges.
 
@@ -37,6 +37,7 @@ def scene(
         material: all over.
         reflectance: (h, w) in the left view, in place of the material's own; the light's shading
             may be in it.
+        ambient_w_m2: irradiance of ambient light.
     """
     sides = ((0, 0), (_MARGIN_PX, _MARGIN_PX))
     seen = np.pad(depth_mesh.smoothed(depth_mesh.closed(disparity_px)), sides, mode="edge")
@@ -64,6 +65,6 @@ def scene(
             for part, disparity, limit, texture in parts
             if np.isfinite(disparity).any()
         ),
-        ambient=Ambient(irradiance_w_m2=_LIT_ROOM_W_M2, gradient=0.0),
+        ambient=Ambient(irradiance_w_m2=ambient_w_m2, gradient=0.0),
         shadow_tolerance=_NOISY_SURFACE,
     )

@@ -16,8 +16,6 @@ from learning.example import Example, Physics
 from patterns.errors import InputError
 from sim import png
 from sim.capture import CaptureSet, open_set
-from sim.optics import shading
-from sim.pinhole import Pinhole
 from sim.scenes import captured as surfaces
 from sim.sensor_edits import with_values
 from tests.unit.learning import capture_sets
@@ -101,11 +99,18 @@ def test_without_infrared_an_example_has_no_reflectance(captures):
         (captures.scenes[0].path / "0" / f"{name}.png").unlink()
     assert captured.example(captures.scenes[0]).reflectance is None
     line = r"^scene must have truth\.png and ir_left\.png; got .*attic-view\. Choose a scene with"
-    with pytest.raises(InputError, match=line):
-        surfaces.reflectance(captures.scenes[0])
+    for asked in (
+        lambda scene: surfaces.brightness(scene, smoothing_px=2.0),
+        lambda scene: surfaces.lit(scene, SENSOR),
+    ):
+        with pytest.raises(InputError, match=line):
+            asked(captures.scenes[0])
+    (captures.scenes[1].path / "truth.png").unlink()
+    with pytest.raises(InputError, match=r"^scene must have truth\.png"):
+        surfaces.lit(captures.scenes[1], SENSOR)
 
 
-def test_reflectance_is_the_smoothed_level_over_its_mean(captures):
+def test_brightness_is_the_smoothed_level_over_its_mean(captures):
     """Half of 44 DN and half of 24 DN above black, far from the step: 0.5 times 40 and 20 over 30.
 
     Says nothing of what a real scene reflects: light and reflectance are one in an image.
@@ -114,26 +119,11 @@ def test_reflectance_is_the_smoothed_level_over_its_mean(captures):
     image = np.full(SHAPE, 44, np.uint8)
     image[:, SHAPE[1] // 2 :] = 24
     (scene.path / "0" / "ir_left.png").write_bytes(png.encode(image))
-    found = surfaces.reflectance(scene, smoothing_px=2.0)
+    found = surfaces.brightness(scene, smoothing_px=2.0)
     assert found.dtype == np.float32
     assert_allclose(found[:, :20], 0.5 * 40 / 30, rtol=1e-3)
     assert_allclose(found[:, -20:], 0.5 * 20 / 30, rtol=1e-3)
     assert found.mean() == pytest.approx(0.5, rel=1e-5)
-
-
-def test_smoothed_reflectance_is_parted_where_the_surface_is(captures):
-    """Two levels on both sides of a jump in depth, mixed over 24 px, come out beside it as they
-    were; that an example's own reflectance stays mixed is what rivals are given."""
-    scene, middle = captures.scenes[0], SHAPE[1] // 2
-    image = np.full(SHAPE, 44, np.uint8)
-    image[:, middle:] = 24
-    (scene.path / "0" / "ir_left.png").write_bytes(png.encode(image))
-    disparity = np.where(image > 30, 30, 10).astype(np.float32)
-    found = surfaces.reflectance(scene, smoothing_px=6.0, surfaces_px=disparity)
-    assert_allclose(found[:, middle - 1], 0.5 * 40 / 30, rtol=0.03)
-    assert_allclose(found[:, middle], 0.5 * 20 / 30, rtol=0.03)
-    mixed = surfaces.reflectance(scene, smoothing_px=6.0)
-    assert_allclose(mixed[:, middle - 1 : middle + 1].mean(), 0.5, rtol=0.03)
 
 
 def test_smoothing_leaves_no_dot_in_an_example(captures):
@@ -143,25 +133,6 @@ def test_smoothing_leaves_no_dot_in_an_example(captures):
     sharp = capture_sets.drawn(0)[2].astype(float) - 4
     assert sharp.std() / sharp.mean() > 0.5
     assert np.abs(np.diff(reflectance, axis=1)).max() < 0.01
-
-
-def test_what_the_lens_darkens_is_taken_out(captures):
-    scene = captures.scenes[0]
-    darkening = shading.vignetting(4.0, Pinhole.of(captures.info))
-    image = np.round(4 + 200 * darkening).astype(np.uint8)
-    (scene.path / "0" / "ir_left.png").write_bytes(png.encode(image))
-    (scene.path / "0" / "ir_left_off.png").write_bytes(png.encode(image))
-    found = surfaces.reflectance(scene, vignetting=4.0)
-    assert darkening.min() < 0.85
-    assert_allclose(found, 0.5, rtol=0.01)  # Half a DN of 140.
-
-
-def test_reflectance_is_taken_from_the_image_with_the_projector_off(captures):
-    scene = captures.scenes[0]
-    ramp = np.broadcast_to(np.arange(40, 40 + SHAPE[1], dtype=np.uint8), SHAPE)
-    (scene.path / "0" / "ir_left_off.png").write_bytes(png.encode(np.ascontiguousarray(ramp)))
-    level = ramp.astype(float) - 4
-    assert_allclose(surfaces.reflectance(scene), 0.5 * level / level.mean(), rtol=1e-5)
 
 
 def test_even_surfaces_have_one_reflectance(captures):
@@ -285,7 +256,7 @@ def test_another_scene_under_the_same_name_is_simulated_anew(captures, asked, tm
 def test_another_pattern_in_the_same_file_is_simulated_anew(captures, asked, tmp_path):
     path = tmp_path / "dots.png"
     for number in (1, 2):
-        path.write_bytes(png.encode(np.full((8, 8), 100 + number, np.uint8)))
+        path.write_bytes(png.encode(np.full((32, 32), 100 + number, np.uint8)))
         simulation = dataclasses.replace(_with_pattern(path), cache=tmp_path / "kept")
         captured.example(captures.scenes[0], simulation=simulation)
         assert len(asked) == number

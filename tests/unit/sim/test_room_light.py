@@ -1,0 +1,136 @@
+"""Reflectance and ambient light of a room, told by an image of it that is simulated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from patterns.errors import InputError
+from sim import capture_info, png, sensors, simulate
+from sim.capture import CapturedScene, open_set
+from sim.capture_writer import info_of
+from sim.depth import to_code
+from sim.scenes import captured, room_light
+from sim.scenes.room_light import Lit
+from sim.sensor import Sensor
+from sim.sensor_edits import with_values
+
+# A D415's pixels and dots, of which a part is enough; nothing is known of the pattern's place.
+SENSOR = with_values(
+    sensors.load("d415"),
+    [("width", 480), ("height", 270), ("cx_px", 239.5), ("cy_px", 134.5)],
+)
+BELIEVED = with_values(SENSOR, [("projector.rotation_deg", [1.3, 0.7, 0.0])])
+SHAPE = (SENSOR.height, SENSOR.width)
+DARK = with_values(SENSOR, [("projector.power_w", 0.0)])
+
+
+def truth_m() -> np.ndarray:
+    """A wall that comes from 2 m to 0.8 m, and a block before it."""
+    depth = np.broadcast_to(1 / np.linspace(1 / 2.0, 1 / 0.8, SHAPE[1]), SHAPE).copy()
+    depth[90:200, 60:150] = 0.7
+    return depth.astype(np.float32)
+
+
+def painted() -> np.ndarray:
+    """Reflectance in even fields, 0.5 in the mean."""
+    fields = np.array([[0.3, 0.8, 0.4], [0.7, 0.35, 0.45]])
+    return np.kron(fields / fields.mean() * 0.5, np.ones((135, 160))).astype(np.float32)
+
+
+def room(
+    folder: Path, ambient_w_m2: float, *, by: Sensor = SENSOR, off: bool = False
+) -> CapturedScene:
+    """Capture it, to the disk."""
+    folder.mkdir()
+    info = info_of(by, source="made here", licence="-", notes="")
+    (folder / capture_info.FILE).write_text(capture_info.dumps(info))
+    scene = folder / "room"
+    (scene / "0").mkdir(parents=True)
+    (scene / "truth.png").write_bytes(png.encode(to_code(truth_m(), info.depth_unit_m)))
+    even = np.zeros(SHAPE, np.uint8)
+    (scene / "0" / "ir_left.png").write_bytes(png.encode(even))
+    (scene / "0" / "ir_right.png").write_bytes(png.encode(even))
+    (known,) = open_set(folder).scenes
+    lit = captured.surface(known, Lit(painted(), ambient_w_m2))
+    for name, sensor in (("ir_left", by), ("ir_left_off", DARK))[: 1 + off]:
+        shot = simulate.simulate(lit, sensor, seed=5)
+        (scene / "0" / f"{name}.png").write_bytes(png.encode(shot.ir_left))
+    return known
+
+
+@pytest.mark.parametrize("ambient", [0.1, 0.4, 2.0])
+def test_dots_tell_how_bright_a_room_is(ambient, tmp_path):
+    """Within a tenth where the pattern is the sensor's but lies elsewhere; the laser's light, which
+    makes near surfaces bright, is in no reflectance: level alone would be off by a fifth."""
+    scene = room(tmp_path / "set", ambient)
+    found = captured.lit(scene, BELIEVED, smoothing_px=6.0, within_surfaces=True)
+    assert found.ambient_w_m2 == pytest.approx(ambient, rel=0.1)
+    inside = cv2.erode(np.ones(SHAPE, np.uint8), np.ones((41, 41), np.uint8)) > 0
+    fields = np.abs(cv2.Laplacian(cv2.blur(painted(), (31, 31)), cv2.CV_32F)) < 1e-6
+    off = (found.reflectance / painted())[inside & fields]
+    assert np.quantile(np.abs(off / np.median(off) - 1), 0.9) < 0.1
+
+
+def test_a_room_without_projector_is_lit_as_rooms_are(tmp_path):
+    scene = room(tmp_path / "set", 1.0)
+    assert captured.lit(scene, DARK, smoothing_px=6.0).ambient_w_m2 == room_light.LIT_ROOM_W_M2
+
+
+def test_where_no_dot_is_seen_light_is_bright(tmp_path):
+    scene = room(tmp_path / "set", 1.0, by=DARK)
+    assert captured.lit(scene, SENSOR, smoothing_px=6.0).ambient_w_m2 > 10
+
+
+def test_with_the_projector_off_reflectance_is_seen_as_it_is(tmp_path):
+    """Each pixel's, but for noise; the lens darkens its corners, which is in no reflectance."""
+    scene = room(tmp_path / "set", 0.5, off=True)
+    found = captured.lit(scene, BELIEVED)
+    assert found.ambient_w_m2 == pytest.approx(0.5, rel=0.1)
+    smooth = cv2.GaussianBlur(found.reflectance, (0, 0), 3.0)
+    inner = (slice(15, 120), slice(15, 145))
+    for rows in (0, 135):
+        for columns in (0, 160, 320):
+            place = tuple(
+                slice(at.start + by, at.stop + by)
+                for at, by in zip(inner, (rows, columns), strict=True)
+            )
+            away = np.abs(truth_m()[place] - 0.7) > 0.05
+            assert_allclose(smooth[place][away], painted()[place][away], rtol=0.12)
+
+
+def test_a_sensor_of_another_size_gets_that_of_the_captures(tmp_path):
+    scene = room(tmp_path / "set", 0.4)
+    wide = with_values(SENSOR, [("width", 1280), ("cx_px", 639.5)])
+    found = captured.lit(scene, wide, smoothing_px=6.0)
+    assert found.reflectance.shape == SHAPE
+    assert found.ambient_w_m2 == pytest.approx(0.4, rel=0.1)
+
+
+def test_smoothing_is_refused_where_it_cannot_be(tmp_path):
+    scene = room(tmp_path / "set", 0.4)
+    with pytest.raises(InputError, match=r"^smoothing_px must "):
+        captured.lit(scene, SENSOR, smoothing_px=-1.0)
+
+
+def test_what_is_smoothed_is_parted_where_the_surface_is(tmp_path):
+    """Two levels on both sides of a jump in depth, mixed over 24 px, come out beside it as they
+    were."""
+    scene = room(tmp_path / "set", 0.4)
+    left = np.zeros(SHAPE, bool)
+    left[:, : SHAPE[1] // 2] = True
+    (scene.path / "truth.png").write_bytes(png.encode(np.where(left, 700, 2000).astype(np.uint16)))
+    image = np.where(left, 104, 54).astype(np.uint8)
+    (scene.path / "0" / "ir_left.png").write_bytes(png.encode(image))
+    plain = with_values(DARK, [("imager.lens.vignetting", 0.0), ("left.black_level_dn", 4.0)])
+    beside = (slice(100, 150), slice(SHAPE[1] // 2 - 1, SHAPE[1] // 2 + 1))
+    parted, mixed = (
+        captured.lit(scene, plain, smoothing_px=6.0, within_surfaces=within).reflectance[beside]
+        for within in (True, False)
+    )
+    assert_allclose(parted, np.tile([0.5 * 100 / 75, 0.5 * 50 / 75], (50, 1)), rtol=0.03)
+    assert_allclose(mixed.mean(), 0.5, rtol=0.03)
