@@ -88,8 +88,8 @@ def _captured(subjects: Sequence[Subject]) -> Iterator[str]:
 def _light(subjects: Sequence[Subject]) -> Iterator[str]:
     if any(one.estimates for one in subjects):
         yield (
-            "Reflectance was estimated from these images: light, exposure, gain, fall-off and "
-            "reflectance are partly taken up by it, and are not separable."
+            "Reflectance and ambient light were estimated from these images: light, exposure, "
+            "gain, fall-off and reflectance are partly taken up by them, and are not separable."
         )
     if len({repr(one.scene.ambient) for one in subjects}) > 1:
         yield "Scenes differ in ambient light: what is tried of it departs from the first scene's."

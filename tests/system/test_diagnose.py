@@ -355,7 +355,7 @@ def test_reflectance_that_is_estimated_is_said_to_take_up_light(place, diagnosed
         shutil.copytree(place / "null" / name, guessed / name)
         (guessed / name / "scene.toml").unlink()
     told = diagnosed(guessed, "--families", "veil")
-    assert any("Reflectance was estimated" in limit for limit in told["limits"])
+    assert any("Reflectance and ambient light were estimated" in limit for limit in told["limits"])
     assert any("Only effects of these families were tried: veil" in one for one in told["limits"])
     scene = subject.subject(capture.open_set(guessed).scenes[0], sensor())
     table = bench.bench([scene], Arm.IMAGE)
