@@ -129,9 +129,8 @@ def brightness(scene: CapturedScene, *, smoothing_px: float) -> Array:
     Raises:
         InputError: if there is no infrared image.
     """
-    level = _smoothed(_seen(scene, scene.frame(scene.frames[0]), 0.0), smoothing_px, None)
-    scale = 0.5 / max(float(level.mean()), 1e-6)
-    return np.clip(level * np.float32(scale), 0.01, 0.95).astype(np.float32)
+    level = _seen(scene, scene.frame(scene.frames[0]), 0.0)
+    return room_light.believable(_smoothed(level, smoothing_px, None))
 
 
 def _smoothed(image: Array, sigma_px: float, parted_px: Array | None) -> Array:

@@ -79,9 +79,13 @@ def reflectance(
         ambient: irradiance of ambient light [W m^-2].
         detail: what is kept of an image; no dots.
     """
-    found = _over(detail(level), detail(_sum(light, ambient)))
-    scale = _MEAN_REFLECTANCE / max(float(found.mean()), 1e-6)
-    return np.clip(found * np.float32(scale), 0.01, 0.95).astype(np.float32)
+    return believable(_over(detail(level), detail(_sum(light, ambient))))
+
+
+def believable(brightness: Array) -> Array:
+    """Scale brightness (h, w) to a mean of 0.5, from 0.01 to 0.95."""
+    scale = _MEAN_REFLECTANCE / max(float(brightness.mean()), 1e-6)
+    return np.clip(brightness * np.float32(scale), 0.01, 0.95).astype(np.float32)
 
 
 def _standing_out(image: Array) -> Array:
