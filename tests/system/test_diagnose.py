@@ -360,7 +360,7 @@ def test_reflectance_that_is_estimated_is_said_to_take_up_light(place, diagnosed
     scene = subject.subject(capture.open_set(guessed).scenes[0], sensor())
     table = bench.bench([scene], Arm.IMAGE)
     changes = table.otherwise()
-    assert len(changes) == len(scene.estimates) == 3
+    assert len(changes) == len(scene.estimates) == 4
     darker = dict(zip(table.names, changes[0][0], strict=True))
     assert darker["level.percentile 50"] < -0.1
     floor = null.base(table, seeds=2).floor
@@ -374,7 +374,7 @@ def test_reflectance_that_is_estimated_is_said_to_take_up_light(place, diagnosed
         for side in ("left", "right"):
             (folder / f"ir_{side}.png").unlink()
     unseen, others = estimated.scene(capture.open_set(guessed).scenes[1], sensor())
-    assert len(others) == 2 and (np.unique(unseen.bodies[0].texture) == 0.5).all()
+    assert len(others) == 3 and (np.unique(unseen.bodies[0].texture) == 0.5).all()
 
 
 def test_another_device_s_captures_are_said_to_be_so(place, diagnosed, tmp_path):
