@@ -16,7 +16,7 @@ from diagnosis.which.model import ROUNDS, Model, simulated
 from diagnosis.which.signature import Signature, signature
 from diagnosis.which.strengths import coarse, sharper
 from diagnosis.which.trial import Trial
-from sim.effects.effect import Value
+from sim.effects.effect import Stage, Value
 
 MOST = 4  # Effects in one verdict.
 _PAIRED = 8  # Candidates among which pairs are tried.
@@ -24,6 +24,7 @@ _COARSE = 4  # Places between nodes where pairs are tried.
 _LEVEL = 0.9  # Of intervals.
 _DRAWS = 400
 _OF_GAIN = 0.1  # Share of its own gain that an effect has to gain over another.
+_AS_LIKELY = 3.0  # Difference of log likelihoods that is hardly any: odds of 20 to 1.
 _SAME = 0.05  # Chance that a rival is as good, above which it cannot be told apart.
 
 
@@ -224,11 +225,30 @@ def _accepted(number: int, model: Model, trial: Trial, signatures: Sequence[Sign
         others = sharper(rest, trial, given, gained=own.total)
     else:
         others = [trial.fit(one, given=given) for one in rest]
+    first = _sensors_first(own, others)
+    others = [one for one in (own, *others) if one is not first]
     return Accepted(
-        fit=own,
-        interval=own.interval(trial.rooms, level=_LEVEL, seed=0),
-        rivals=_rivals(own, others, trial),
+        fit=first,
+        interval=first.interval(trial.rooms, level=_LEVEL, seed=0),
+        rivals=_rivals(first, others, trial),
     )
+
+
+def _sensors_first(own: Fit, others: Sequence[Fit]) -> Fit:
+    """An effect, or where it is one of the scene that of the sensor that is as likely.
+
+    That every surface is painted otherwise than its file tells is less plausible than that the
+    sensor exposes otherwise.
+    """
+    if own.signature.candidate.effect.stage is not Stage.SCENE:
+        return own
+    as_good = [
+        one
+        for one in others
+        if one.signature.candidate.effect.stage is not Stage.SCENE
+        and one.total > own.total - _AS_LIKELY
+    ]
+    return max(as_good, key=lambda one: one.total, default=own)
 
 
 def _rivals(own: Fit, others: Sequence[Fit], trial: Trial) -> tuple[Fit, ...]:

@@ -11,6 +11,7 @@ from diagnosis.which.fit import Fit
 from diagnosis.which.made import Made
 from diagnosis.which.signature import Signature, with_node
 from diagnosis.which.trial import Trial
+from sim.effects import setting
 from sim.effects.effect import Stage, Value
 
 _SHARP = 4  # Candidates that are simulated where they fit best,
@@ -21,6 +22,8 @@ _AT_A_NODE = 0.1  # Places from what is simulated within which an effect is said
 _NO_NEWS = 0.05  # Share of a strength by which the next that is simulated differs at least,
 _FINE = 0.15  # and that by which one halfway to a neighbour does.
 _ROUNDS = 4  # Of simulating where one fits.
+_WIDE, _MANY = 40.0, 5  # Strongest over weakest of a range, and its nodes, that make it wide.
+_AFTER_SEARCH = ("matcher.refinement.", "matcher.checks.")
 
 
 def coarse(candidate: Candidate) -> list[Value]:
@@ -28,23 +31,35 @@ def coarse(candidate: Candidate) -> list[Value]:
     a strong one to each side.
 
     A strong one alone would do for effects that grow in proportion; but few do. Where each has to
-    be rendered, or pairs matched anew, which takes most of the time, it is one in the middle, of
-    whole numbers too.
+    be rendered, or pairs searched anew, which takes most of the time, it is one in the middle, of
+    whole numbers too, but for ranges so wide that the middle tells nothing of their beginning.
     """
-    slow = bool(candidate.effect.rerender) or candidate.effect.stage is Stage.MATCHER
+    slow = bool(candidate.effect.rerender) or _searches(candidate)
     if not candidate.numeric or (candidate.whole and not slow):
         return list(candidate.nodes)
     base = float(candidate.base)
     below = [node for node in candidate.nodes if float(node) < base][::-1]
     above = [node for node in candidate.nodes if float(node) > base]
-    found = [side[at] for side in (below, above) for at in _tried(len(side), slow=slow)]
+    found = [side[at] for side in (below, above) for at in _tried(side, base, slow=slow)]
     return sorted(found, key=float)
 
 
-def _tried(count: int, *, slow: bool) -> list[int]:
-    """Which of so many nodes, from weak to strong, are tried."""
+def _searches(candidate: Candidate) -> bool:
+    """Whether pairs are searched anew; refinement and checks work on winners that were found."""
+    if candidate.effect.stage is not Stage.MATCHER:
+        return False
+    paths = setting.parameter_of(candidate.name)[1].paths
+    return not all(path.startswith(_AFTER_SEARCH) for path in paths)
+
+
+def _tried(side: Sequence[Value], base: float, *, slow: bool) -> list[int]:
+    """Which of the nodes to one side, from weak to strong, are tried."""
+    count = len(side)
     if not count:
         return []
+    weak, strong = (abs(float(side[at]) - base) for at in (0, -1))
+    if slow and strong >= _WIDE * weak and count >= _MANY:
+        return [count // 4, count - 1 - count // 4]
     return [count // 2] if slow else sorted({count // 3, count - 1 - count // 4})
 
 

@@ -382,12 +382,3 @@ def test_a_feature_that_is_not_known_tells_nothing(gap, missing):
     same = change.copy()
     same[0, kept[0]] = 0
     np.testing.assert_allclose(likelihood.cost(Made(change)), likelihood.cost(Made(same)))
-
-
-def test_what_does_not_gain_enough_beside_the_others_is_left_out():
-    for truth, left in (({"crosstalk": 0.4}, ["crosstalk"]), ({}, [])):
-        likelihood = likelihood_of(truth, 7)
-        terms = (MADE["crosstalk"], MADE["veil"])
-        both = Model(terms, (1.67, 0.1), likelihood.nothing)
-        found = search._borne_out(both, trial(FakeBench(), likelihood))
-        assert list(found.settings) == left

@@ -100,9 +100,24 @@ def test_first_tries_are_weak_and_strong_ones_to_each_side():
     assert strengths.coarse(rendered) == [-3, 2]
     nodes = (16, 32, 48, 64, 80, 96, 112, 144, 160)
     searched = dataclasses.replace(
-        sides, effect=effects.named("search_range"), base=128, nodes=nodes, whole=True
+        sides,
+        name="disparity_shift",
+        effect=effects.named("disparity_shift"),
+        base=128,
+        nodes=nodes,
+        whole=True,
     )
     assert strengths.coarse(searched) == [64, 160]
+    checked = dataclasses.replace(
+        sides, name="speckle_filter", effect=effects.named("speckle_filter"), base=300
+    )
+    checked = dataclasses.replace(checked, nodes=(0, 600, 1200, 3000), whole=True)
+    assert strengths.coarse(checked) == [0, 600, 1200, 3000]  # The pair is not searched anew.
+    wide = dataclasses.replace(
+        rendered, effect=effects.named("second_projector"), nodes=(0.03, 0.07, 0.16, 0.37, 0.9, 2)
+    )
+    assert strengths.coarse(wide) == [0.07, 0.9]
+    assert strengths.coarse(dataclasses.replace(wide, nodes=(0.2, 0.4, 0.6, 0.8, 2))) == [0.6]
     bits = dataclasses.replace(
         sides, effect=effects.named("quantisation"), base=8, nodes=(10, 12, 16), whole=True
     )
