@@ -18,7 +18,6 @@ _SHARP = 4  # Candidates that are simulated where they fit best,
 _PROMISING = 0.5  # Of the threshold, that the best of them gains,
 _NEAR = 0.5  # if they gain nearly as much as the best: all but this share.
 _HOPEFUL = 0.65  # As much less gain those that are simulated at one more of their nodes.
-_AT_A_NODE = 0.1  # Places from what is simulated within which an effect is said to fit there.
 _NO_NEWS = 0.05  # Share of a strength by which the next that is simulated differs at least,
 _FINE = 0.15  # and that by which one halfway to a neighbour does.
 _ROUNDS = 4  # Of simulating where one fits.
@@ -118,7 +117,8 @@ def _closer(of: Fit) -> Value | None:
     if not one.candidate.numeric or of.value == one.candidate.base:
         return None
     base = float(one.candidate.base)
-    if abs(of.place - node) > _AT_A_NODE or one.values[node] == base:
+    off = abs(float(of.value) - float(one.values[node]))
+    if off > _NO_NEWS * abs(float(of.value) - base) or one.values[node] == base:
         value, least = _node(one, int(of.place), of.place), _NO_NEWS
     else:
         beyond = [each for each in one.candidate.nodes if _is_beyond(one, node, float(each))]
