@@ -52,7 +52,8 @@ def scene(captured: CapturedScene, sensor: Sensor) -> tuple[Scene, Estimates]:
     if truth_m is None or not np.isfinite(truth_m).any():
         rule = "must have a scene.toml or reference depth (truth.png)"
         raise refuse(f"scene {captured.name}", rule, "neither", "Leave it out, or add one.")
-    if captured.frame(captured.frames[0]).ir_left is None:
+    seen = captured.frame(captured.frames[0]).ir_left is not None
+    if not seen:
         likely = Lit(np.full(truth_m.shape, _EVEN, np.float32), LIT_ROOM_W_M2)
     else:
         likely = surfaces.lit(captured, sensor, smoothing_px=SMOOTHING_PX, within_surfaces=True)
@@ -63,7 +64,7 @@ def scene(captured: CapturedScene, sensor: Sensor) -> tuple[Scene, Estimates]:
     others = [replace(likely, reflectance=likely.reflectance * shade) for shade in shades]
     others.append(replace(likely, ambient_w_m2=likely.ambient_w_m2 * _BRIGHTER))
     made = [partial(surfaces.surface, captured, one) for one in others]
-    if captured.frame(captured.frames[0]).ir_left is not None:
+    if seen:
         made.append(partial(_detailed, captured, sensor))
     return surfaces.surface(captured, likely), tuple(made)
 
