@@ -24,19 +24,15 @@ def of(body: Body, finish: Finish) -> Dict:
 
 
 def evenly_lit(body: Body, finish: Finish) -> Dict | None:
-    """BSDF dict whose diffuse reflectance is what a body returns of even light.
+    """BSDF dict whose diffuse reflectance is the body's reflectance.
 
-    Mitsuba knows none of a blend, and of a coated surface that beneath the coat. None where the
-    body's own BSDF says it.
+    Mitsuba knows none of a blend or a metal, and of a coated surface that beneath the coat. None
+    where the body's own BSDF says it.
     """
-    value = _value(body, finish)
-    if body.material.kind == "glossy" and not (_changes(body, finish) and finish.metal == 1):
-        return _twosided({"type": "diffuse", "reflectance": _spectrum(value)})
-    if not _changes(body, finish) or finish.metal == 1 or finish.metal == finish.gloss == 0:
+    changed = _changes(body, finish) and (finish.metal or finish.gloss)
+    if body.material.kind not in ("glossy", "metal") and not changed:
         return None
-    if body.material.kind == "metal" and finish.gloss < 1:
-        return _twosided(_plain(body.material, value))
-    return _twosided({"type": "diffuse", "reflectance": _spectrum(value)})
+    return _twosided({"type": "diffuse", "reflectance": _spectrum(_value(body, finish))})
 
 
 def grey_bitmap(image: NDArray[np.float32]) -> Dict:

@@ -13,6 +13,7 @@ from sim.camera import opaque
 from sim.projection import Beam, Light, projected
 from sim.scene import Ambient, Scene, Sun
 from sim.sensor import Sensor
+from sim.skylight import MATT_TILT
 from sim.specular import Specular
 from sim.stage import Stage
 
@@ -137,11 +138,20 @@ def _passed(stage: Stage, specular: Specular, beam: Beam, si: Any) -> Any:
 
 def _ambient(stage: Stage, si: Any) -> Any:
     """Radiance that surface points return of ambient light of 1 W m^-2 [W m^-2 sr^-1]."""
-    dr = backend.drjit()
+    mi, dr = backend.mitsuba(), backend.drjit()
     ambient = stage.scene.ambient
-    albedo = stage.albedo(si)
-    tilt = _tilt(ambient, towards_viewer(si), 2 / 3 * ambient.gradient)
-    return dr.select(si.is_valid(), albedo / np.pi * (1 + tilt), 0)
+    albedo, normal = stage.albedo(si), towards_viewer(si)
+    if stage.skylight is None:
+        share = albedo * (1 + _tilt(ambient, normal, MATT_TILT * ambient.gradient))
+        return dr.select(si.is_valid(), share / np.pi, 0)
+    viewer = si.to_world(si.wi)
+    cosine = dr.dot(normal, viewer)
+    across = normal * cosine - viewer  # Along the surface, on from the viewer.
+    across /= dr.maximum(dr.norm(across), 1e-6)
+    handle = dr.reinterpret_array(mi.UInt32, si.shape)
+    even, along, aside = stage.skylight.returned(handle, cosine, albedo, stage.opaque(si))
+    share = even + _tilt(ambient, normal * along + across * aside, ambient.gradient)
+    return dr.select(si.is_valid(), dr.maximum(share, 0) / np.pi, 0)
 
 
 def _tilt(ambient: Ambient, direction: Any, gradient: float) -> Any:

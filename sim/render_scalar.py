@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import backend, frames, plugin_scene, projector
+from sim import backend, frames, plugin_scene, projector, skylight
 from sim.frames import Pose
 from sim.layers import Layers, Mask, Truth, View
 from sim.scene import Scene
@@ -87,6 +87,10 @@ class _Seen:
         away = self.point - world_from_camera[:3, 3]
         facing = np.einsum("ijk,ijk->ij", normal, away) > 0
         self.normal = np.where(facing[..., None], -normal, normal)
+        viewer = -away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
+        self.cosine = np.einsum("ijk,ijk->ij", self.normal, viewer)
+        across = self.normal * self.cosine[..., None] - viewer  # As in `sim.lights`.
+        self.across = across / np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-6)
 
 
 def _lit(stage: Stage, sensor: Sensor) -> list[Any]:
@@ -109,16 +113,28 @@ def _view(
         for scene in lit
     ]
     direct = np.sum([image[..., 0] for image in images], axis=0)
-    ambient = stage.scene.ambient
-    tilt = seen.normal @ np.asarray(ambient.up) * (2 / 3 * ambient.gradient)
     return View(
         projector_direct=np.ascontiguousarray(direct, np.float32),
         projector_indirect=np.zeros(direct.shape, np.float32),
-        ambient=np.where(seen.hit, seen.albedo / np.pi * (1 + tilt), 0).astype(np.float32),
+        ambient=_ambient(stage, seen),
         other=np.zeros(direct.shape, np.float32),
         depth_m=np.where(seen.hit, _local(seen.point, pose)[..., 2], np.nan).astype(np.float32),
         body=seen.body,
     )
+
+
+def _ambient(stage: Stage, seen: _Seen) -> NDArray[np.float32]:
+    """Radiance returned of ambient light of 1 W m^-2, as `sim.lights` has it."""
+    scene = stage.scene
+    even, along, across = seen.albedo, skylight.MATT_TILT * seen.albedo, np.zeros_like(seen.albedo)
+    for number, body in enumerate(scene.bodies, 1):
+        table, there = skylight.of(body, scene.finish), seen.body == number
+        if table is not None:
+            found = skylight.looked_up(table, seen.cosine[there], seen.albedo[there])
+            even[there], along[there], across[there] = found
+    way = seen.normal * along[..., None] + seen.across * across[..., None]
+    share = even + way @ np.asarray(scene.ambient.up) * scene.ambient.gradient
+    return np.where(seen.hit, np.maximum(share, 0) / np.pi, 0).astype(np.float32)
 
 
 def _truth(stage: Stage, sensor: Sensor, seen: _Seen) -> Truth:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from patterns import errors
-from sim import backend, bsdf
+from sim import backend, bsdf, skylight
 from sim.scene import Body, Scene
+from sim.skylight import Skylight
 from sim.specular import Specular, shape_handle
 
 
@@ -31,23 +32,32 @@ class Stage:
         self.mitsuba: Any = _scene(shapes)
         self.numbers = _numbers(shapes)  # From Dr.Jit's shape handle to the body's number.
         self._diffuse = _diffuse(scene, shapes)
+        self.skylight = _skylight(scene, shapes)  # None where all surfaces are matt.
         # What turns rays or lets them pass; None where nothing does.
         self.specular = Specular.of(shapes) if backend.is_jit() else None
         _refuse_extent(self)
         _refuse_inside(self)
 
     def albedo(self, si: Any) -> Any:
-        """Share of ambient light that surface points return."""
+        """Reflectance of surface points, less what goes straight through them."""
         mi, dr = backend.mitsuba(), backend.drjit()
-        own = surface = si.bsdf()
+        surface = si.bsdf()
         if self._diffuse:
             table, handle = mi.BSDFPtr(self._diffuse), dr.reinterpret_array(mi.UInt32, si.shape)
             surface = dr.gather(mi.BSDFPtr, table, handle, si.is_valid())
-        # A metal's diffuse equivalent exceeds 1 in Mitsuba: no surface returns more than it gets.
+        # A mirror's diffuse equivalent may exceed 1 in Mitsuba.
         albedo = dr.minimum(surface.eval_diffuse_reflectance(si, si.is_valid())[0], 1)
-        if self.specular and self.specular.has_panes:
-            albedo *= 1 - own.eval_null_transmission(si, si.is_valid())[0]
-        return albedo
+        return albedo * self.opaque(si) if self._has_panes else albedo
+
+    def opaque(self, si: Any) -> Any:
+        """Share of surface points that lets no light straight through."""
+        if not self._has_panes:
+            return backend.mitsuba().Float(1)
+        return 1 - si.bsdf().eval_null_transmission(si, si.is_valid())[0]
+
+    @property
+    def _has_panes(self) -> bool:
+        return self.specular is not None and self.specular.has_panes
 
     @cached_property
     def evenly_lit(self) -> Any:
@@ -143,6 +153,15 @@ def _diffuse(scene: Scene, shapes: list[Any]) -> list[Any]:
         if other is not None:
             table[shape_handle(shape)] = mi.load_dict(other)
     return table
+
+
+def _skylight(scene: Scene, shapes: list[Any]) -> Skylight | None:
+    """What shapes return of the sky; those with a BSDF of their own count as matt."""
+    tables = [skylight.of(body, scene.finish) for body in scene.bodies]
+    if not backend.is_jit() or not any(table is not None for table in tables):
+        return None
+    rest = [None] * (len(shapes) - len(tables))
+    return Skylight([*tables, *rest], [shape_handle(shape) for shape in shapes])
 
 
 def _scene(shapes: list[Any]) -> Any:

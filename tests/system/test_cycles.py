@@ -5,12 +5,11 @@
 `STARLING_BLENDER` says, else in `.blender`, where `tools/blender.sh` puts it.
 
 **Expected behaviour.** Depth, bodies and the projector's frame agree but at silhouettes. Radiance
-of matt and metal surfaces under the projectors, and of matt ones under the sky, is the same
-physics twice: levels within 1 and 3 %. Coated ones return their reflectance in both, within 5 %.
-Dots lie at the same places.
-
-**What it does not compare.** Metal under the sky: Cycles mirrors it, ours takes the surface for
-matt.
+of matt and metal surfaces, under the projectors and under the sky, is the same physics twice:
+levels within 1 and 3 %. Coated ones return their reflectance in both, under the sky within 2 %;
+under a projector Cycles' are up to 5 % darker, as its coat takes its share of the light on the way
+out alone, and so spreads otherwise over the angles what the ground returns. Dots lie at the same
+places.
 """
 
 from __future__ import annotations
@@ -106,9 +105,10 @@ def test_geometry_is_the_same(both, side):
         ("diffuse", "other", 0.01),
         ("diffuse", "ambient", 0.01),
         ("metal", "even", 0.03),
+        ("metal", "ambient", 0.03),
         ("glossy", "laser", 0.05),
-        ("glossy", "even", 0.03),
-        ("glossy", "ambient", 0.05),
+        ("glossy", "even", 0.05),
+        ("glossy", "ambient", 0.02),
     ],
 )
 def test_levels_are_the_same(both, kinds, side, kind, name, tolerance):

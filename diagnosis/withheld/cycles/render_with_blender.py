@@ -232,7 +232,7 @@ def _surface(table: dict[str, Any]) -> Any:
     material = bpy.data.materials.new(table["name"])
     nodes, links = _nodes(material)
     out = nodes.new("ShaderNodeOutputMaterial")
-    grey = (table["reflectance"],) * 3 + (1.0,)
+    grey = (_base(table),) * 3 + (1.0,)
     if table["kind"] == "diffuse":
         surface = nodes.new("ShaderNodeBsdfDiffuse")
         surface.inputs["Color"].default_value = grey
@@ -247,6 +247,17 @@ def _surface(table: dict[str, Any]) -> Any:
         surface.inputs["IOR"].default_value = table["ior"]
     links.new(surface.outputs["BSDF"], out.inputs["Surface"])
     return material
+
+
+def _base(table: dict[str, Any]) -> float:
+    """Base colour: of a coated body what the coat leaves to its ground, of others the reflectance.
+
+    Blender lets through what the coat does not mirror, 1 - F, so that R = F + (1 - F) base.
+    """
+    if table["kind"] != "glossy":
+        return table["reflectance"]
+    mirrored = ((table["ior"] - 1) / (table["ior"] + 1)) ** 2
+    return max(table["reflectance"] - mirrored, 0.0) / (1 - mirrored)
 
 
 def _projector(job: Path, name: str, table: dict[str, Any]) -> Any:
