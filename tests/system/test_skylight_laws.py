@@ -51,8 +51,8 @@ def sampled(material: Material, cosine: float) -> np.ndarray:
     return np.array([share.mean(), (share * way[2]).mean(), -(share * way[0]).mean()])
 
 
-def table(body: Body, finish: Finish = Finish()) -> np.ndarray:
-    found = skylight.of(body, finish)
+def table(body: Body, *, gloss: float = 0.0, metal: float = 0.0) -> np.ndarray:
+    found = skylight.of(body, Finish(gloss=gloss, metal=metal, roughness=0.3))
     assert found is not None
     return found
 
@@ -107,7 +107,9 @@ def test_a_plate_returns_what_its_table_says(kind, turn_deg):
     ahead = (normal @ VIEWER) * normal - VIEWER
     ahead /= np.linalg.norm(ahead)
     for up in (normal, ahead):
-        tilted = seen(material, turn_deg, Ambient(gradient=0.5, up=tuple(map(float, up))))
+        tilted = seen(
+            material, turn_deg, Ambient(gradient=0.5, up=(float(up[0]), float(up[1]), float(up[2])))
+        )
         expected = even + 0.5 * (along * (up @ normal) + across * (up @ ahead))
         assert tilted * np.pi == pytest.approx(expected, rel=0.01)
 
@@ -120,7 +122,7 @@ def test_matt_bodies_mirrors_and_glass_have_no_table(kind):
 def test_shares_of_a_finish_mix_tables():
     bare = surface("diffuse", 0.5, 0.1)
     coat, metal = (table(plate(surface(kind, 0.5, 0.3))) for kind in ("glossy", "metal"))
-    mixed = table(plate(bare), Finish(gloss=0.4, metal=0.25, roughness=0.3))
+    mixed = table(plate(bare), gloss=0.4, metal=0.25)
     matt = np.zeros_like(coat)
     matt[:, 1], matt[:, 3] = 1, skylight.MATT_TILT
     np.testing.assert_allclose(mixed, 0.75 * (0.6 * matt + 0.4 * coat) + 0.25 * metal)
