@@ -143,7 +143,9 @@ class Check:
         )
         told = {}
         if (arm := self.tier.arm) is not None:
-            told["matcher_noticed"] = _noticed(answered)
+            told["matcher_noticed"] = _noticed(
+                [one for one in answered if one.case.number < self.tier.measured]
+            )
             answered, alone, twins = (_of_arm(those, arm) for those in (answered, alone, twins))
         path = self.place / "opened"
         opened = len(path.read_text(encoding="utf-8").splitlines()) + 1 if path.exists() else 1

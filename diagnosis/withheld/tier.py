@@ -33,6 +33,9 @@ class Tier:
     kinds: tuple[Kind, ...] = ("image", "post")
     # What is scored; None: all that is said. Another matcher differs in every case, null or not.
     arm: Arm | None = None
+    # Cases, which are numbered by lot, that have depth by the own matcher, to tell whether it is
+    # noticed. Each costs a search for what it does otherwise, and none of it is scored.
+    measured: int = 0
 
     def names(self, number: int) -> list[str]:
         """Builtin scenes of a set."""
@@ -80,6 +83,7 @@ TIERS = {
         left_out=15,
         kinds=("image",),
         arm="image",
+        measured=12,
     ),
     3: Tier(
         number=3,

@@ -206,7 +206,7 @@ def test_without_infrared_depth_alone_is_diagnosed(done, tmp_path):
 def test_another_matcher_is_noticed_and_is_no_alarm_of_the_image(done, tmp_path):
     one, _ = done
     asked = {"sets": 1, "counts": {"null": 2}, "left_out": 0, "matcher": "own", "arm": "image"}
-    other = dataclasses.replace(SMALL, **asked)
+    other = dataclasses.replace(SMALL, **asked, measured=1)
     run = Check(out=tmp_path, tier=other, blender=Path("none"), jobs=1)
     (tmp_path / "set-0").mkdir()
     (tmp_path / "set-0" / "light").symlink_to(one.sets[0].source.light)
@@ -214,6 +214,8 @@ def test_another_matcher_is_noticed_and_is_no_alarm_of_the_image(done, tmp_path)
     run.diagnosed(cases)
     scores = run.scored(cases)
     assert scores["matcher_noticed"] == 1 and scores["false_alarm"] == 0
+    arms = [set(answer.verdict.unexplained) for answer in run.sets[0].answered(cases)]
+    assert arms == [{"image", "depth"}, {"image"}]
     with pytest.raises(WithheldError, match="tier 1 must have infrared; got none"):
         dataclasses.replace(run, infrared=False)
 
