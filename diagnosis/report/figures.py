@@ -103,6 +103,7 @@ def _arm(arm: Found) -> dict[str, Any]:
         "explained_below": arm.explained_below,
         "unexplained": arm.unexplained,
         "lead": arm.lead,
+        "varying": arm.varying,
         "features": len(arm.bench.names),
         "votes": float(arm.screen.weight.sum()),
         "alone": [

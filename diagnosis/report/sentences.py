@@ -57,7 +57,10 @@ def _which(of: Diagnosis) -> str:
 
 def lead(arm: Found) -> str:
     """Name what an arm leaves unexplained."""
-    return ", ".join(arm.lead) if arm.lead else "no single group of features"
+    said = [", ".join(arm.lead)] if arm.lead else []
+    if arm.varying:
+        said.append(f"{', '.join(arm.varying)}, in each scene otherwise")
+    return "; ".join(said) or "no single group of features"
 
 
 def _named(one: Accepted) -> str:

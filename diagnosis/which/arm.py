@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,7 @@ from diagnosis.which.strengths import coarse
 from diagnosis.which.trial import Trial
 from sim import progress
 from sim.effects.effect import Value
+from sim.statistics import mean_known
 
 CLOSER = 12  # Candidates that are simulated at more strengths.
 _WORTH_IT = 0.25  # Of the threshold, that one has to gain alone.
@@ -55,7 +56,8 @@ class Found:
     likelihood: Likelihood
     search: Search
     explained_below: float  # Size of what is left up to which nothing else is at work.
-    lead: tuple[str, ...]  # Groups of features that stay unexplained, the worst first.
+    lead: tuple[str, ...]  # Groups of features that stay unexplained, the worst first,
+    varying: tuple[str, ...]  # and those that do in most scenes, but in each otherwise.
 
     @property
     def settings(self) -> dict[str, Value]:
@@ -145,24 +147,48 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
         explained_below=explained,
     )
     found = search.search(trial, closer if before > screen.noise else [], alone)
+    alike, each = leads(bench.names, found.left)
     return Found(
         bench=bench,
         screen=screen,
         likelihood=likelihood,
         search=found,
         explained_below=explained,
-        lead=_lead(bench.names, found.left),
+        lead=alike,
+        varying=each,
     )
 
 
-def _lead(features: Sequence[str], left: NDArray[np.float64]) -> tuple[str, ...]:
-    """Groups of features whose mean over scenes is far off."""
-    groups: dict[str, list[float]] = {}
-    for name, column in zip(features, left.T, strict=True):
-        known = column[np.isfinite(column)]
-        if known.size:
-            groups.setdefault(group(name), []).append(abs(float(known.mean())))
-    size = {name: float(np.sqrt(np.mean(np.square(many)))) for name, many in groups.items()}
+def leads(
+    features: Sequence[str], left: NDArray[np.float64]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Name what stays unexplained: alike in all scenes, and in most scenes but in each otherwise.
+
+    What differs from scene to scene no effect of the camera explains that has one strength for all.
+
+    Args:
+        features: their names.
+        left: (scenes, features) what is left, over its deviation; NaN where not known.
+
+    Returns:
+        Groups of features whose mean over scenes is far off, the worst first, and others of which
+        the median scene is.
+    """
+    groups = np.array([group(name) for name in features])
+    alike: dict[str, float] = {}
+    each: dict[str, float] = {}
+    for name in dict.fromkeys(groups.tolist()):
+        inside = left[:, groups == name]
+        mean = mean_known(inside, axis=0)
+        alike[name] = float(np.sqrt(mean_known(mean**2, axis=0)))
+        of_scenes = np.sqrt(mean_known(inside**2, axis=1))
+        each[name] = float(np.median(np.nan_to_num(of_scenes)))
+    first = _worst(alike)
+    return first, _worst({name: size for name, size in each.items() if name not in first})
+
+
+def _worst(size: Mapping[str, float]) -> tuple[str, ...]:
+    """Names of what is far off, the worst first; what no scene tells of is not."""
     worst = sorted((name for name in size if size[name] > _LEAD), key=lambda name: -size[name])
     return tuple(worst[:_NAMED])
 

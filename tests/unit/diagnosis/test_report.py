@@ -73,7 +73,13 @@ def where(captured: list[Reading]) -> Where:
     )
 
 
-def found(searched: search.Search, *, arm: Arm = Arm.IMAGE, lead: tuple[str, ...] = ()) -> Found:
+def found(
+    searched: search.Search,
+    *,
+    arm: Arm = Arm.IMAGE,
+    lead: tuple[str, ...] = (),
+    varying: tuple[str, ...] = (),
+) -> Found:
     names = tuple(f"level.x.{number}" for number in range(made.FEATURES))
     return Found(
         bench=Bench(subjects=(), columns=Columns(arm=arm, names=names, ceiling=255)),
@@ -89,6 +95,7 @@ def found(searched: search.Search, *, arm: Arm = Arm.IMAGE, lead: tuple[str, ...
         search=searched,
         explained_below=UNEXPLAINED + OF_BEFORE[arm] * searched.before,
         lead=lead,
+        varying=varying,
     )
 
 
