@@ -21,6 +21,7 @@ from sim.effects.effect import Stage, Value
 MOST = 4  # Effects in one verdict.
 _PAIRED = 8  # Candidates among which pairs are tried.
 _COARSE = 4  # Places between nodes where pairs are tried.
+_BEGUN = 3  # Pairs that are simulated together.
 _LEVEL = 0.9  # Of intervals.
 _DRAWS = 400
 _OF_GAIN = 0.1  # Share of its own gain that an effect has to gain over another.
@@ -65,9 +66,7 @@ def search(trial: Trial, closer: Sequence[Fit], alone: Sequence[Fit]) -> Search:
     likelihood = trial.likelihood
     first = sharper([one.signature for one in closer], trial, likelihood.nothing)
     signatures = [one.signature for one in first]
-    nothing = Model((), (), likelihood.nothing)
-    begun = (simulated(trial, one) for one in _starts(first, trial))
-    model = _grown(next(filter(None, begun), nothing), trial, signatures)
+    model = _grown(_begun(first, trial), trial, signatures)
     if not trial.explained(model.made()):
         other = _exchanged(model, trial, signatures)
         if other is not model:
@@ -89,18 +88,33 @@ def search(trial: Trial, closer: Sequence[Fit], alone: Sequence[Fit]) -> Search:
     )
 
 
-def _starts(first: Sequence[Fit], trial: Trial) -> list[Model]:
-    """Two effects that gain more than any single one, the best such pair first; the best effect."""
+def _begun(first: Sequence[Fit], trial: Trial) -> Model:
+    """The best effect, or two that gain enough over it, simulated together; none below threshold.
+
+    What two make one by one does not add up where they are strong: a sum may outdo the one effect
+    that is there, by what no simulation bears out.
+    """
+    nothing = Model((), (), trial.likelihood.nothing)
     if not first or first[0].total < trial.threshold:
-        return []
+        return nothing
+    best = first[0]
+    alone = simulated(trial, nothing.wider(best)) or nothing
+    for pair in _pairs(first, trial)[:_BEGUN]:
+        both = _better(pair, alone, trial)
+        if both is not None:
+            return both
+    return alone
+
+
+def _pairs(first: Sequence[Fit], trial: Trial) -> list[Model]:
+    """Two effects whose sum gains more than any single one, the best such pair first."""
     best, nothing = first[0], trial.likelihood.nothing
     pairs: list[tuple[float, Model]] = []
     for one, other in itertools.combinations(first[:_PAIRED], 2):
         gain, best_at = _both(one.signature, other.signature, trial)
         if gain > best.total + trial.threshold:
             pairs.append((gain, Model((one.signature, other.signature), best_at, nothing)))
-    pairs.sort(key=lambda each: -each[0])
-    return [*(model for _, model in pairs), Model((best.signature,), (best.place,), nothing)]
+    return [model for _, model in sorted(pairs, key=lambda each: -each[0])]
 
 
 def _both(one: Signature, other: Signature, trial: Trial) -> tuple[float, tuple[float, float]]:

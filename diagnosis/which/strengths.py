@@ -22,6 +22,7 @@ _NO_NEWS = 0.05  # Share of a strength by which the next that is simulated diffe
 _FINE = 0.15  # and that by which one halfway to a neighbour does.
 _ROUNDS = 4  # Of simulating where one fits.
 _WIDE, _MANY = 40.0, 5  # Strongest over weakest of a range, and its nodes, that make it wide.
+_BEYOND = 5.0  # Range's end over the strong one tried, from which that tells little of the end.
 _AFTER_SEARCH = ("matcher.refinement.", "matcher.checks.")
 
 
@@ -29,7 +30,8 @@ def coarse(candidate: Candidate) -> list[Value]:
     """Nodes at which a candidate is tried first: all words and whole numbers; of others a weak and
     a strong one to each side.
 
-    A strong one alone would do for effects that grow in proportion; but few do. Where each has to
+    A strong one alone would do for effects that grow in proportion; but few do. Of ranges that end
+    far beyond it, as those of dark current, the end is tried as well. Where each has to
     be rendered, or pairs searched anew, which takes most of the time, it is one in the middle, of
     whole numbers too, but for ranges so wide that the middle tells nothing of their beginning.
     """
@@ -56,10 +58,14 @@ def _tried(side: Sequence[Value], base: float, *, slow: bool) -> list[int]:
     count = len(side)
     if not count:
         return []
-    weak, strong = (abs(float(side[at]) - base) for at in (0, -1))
-    if slow and strong >= _WIDE * weak and count >= _MANY:
+    departures = [abs(float(node) - base) for node in side]
+    if slow and departures[-1] >= _WIDE * departures[0] and count >= _MANY:
         return [count // 4, count - 1 - count // 4]
-    return [count // 2] if slow else sorted({count // 3, count - 1 - count // 4})
+    if slow:
+        return [count // 2]
+    strong = count - 1 - count // 4
+    beyond = [count - 1] if departures[-1] > _BEYOND * departures[strong] else []
+    return sorted({count // 3, strong, *beyond})
 
 
 def sharper(

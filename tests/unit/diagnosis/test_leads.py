@@ -55,4 +55,4 @@ def test_what_is_not_known_is_no_lead():
     ],
 )
 def test_a_lead_in_words(alike, each, said):
-    assert sentences.lead(found(NAMED, lead=alike, varying=each)) == said
+    assert sentences.lead(found(NAMED, leads=(alike, each))) == said

@@ -40,6 +40,7 @@ from tests.unit.diagnosis.test_where import pair_of
 NAMES = ("attic", "<b>cellar</b> & yard", "hall", "kitchen", "porch", "stairs")
 MINUS = "\N{MINUS SIGN}"
 NAN = float("nan")
+Leads = tuple[tuple[str, ...], tuple[str, ...]]
 
 
 def real(*, infrared: bool = True, device: bool = True) -> list[Reading]:
@@ -73,13 +74,7 @@ def where(captured: list[Reading]) -> Where:
     )
 
 
-def found(
-    searched: search.Search,
-    *,
-    arm: Arm = Arm.IMAGE,
-    lead: tuple[str, ...] = (),
-    varying: tuple[str, ...] = (),
-) -> Found:
+def found(searched: search.Search, *, arm: Arm = Arm.IMAGE, leads: Leads = ((), ())) -> Found:
     names = tuple(f"level.x.{number}" for number in range(made.FEATURES))
     return Found(
         bench=Bench(subjects=(), columns=Columns(arm=arm, names=names, ceiling=255)),
@@ -94,8 +89,8 @@ def found(
         likelihood=made.likelihood_of({}, 9),
         search=searched,
         explained_below=UNEXPLAINED + OF_BEFORE[arm] * searched.before,
-        lead=lead,
-        varying=varying,
+        lead=leads[0],
+        varying=leads[1],
     )
 
 
@@ -245,7 +240,8 @@ def test_accepted_effects_stand_with_value_interval_and_set():
 
 
 def test_no_cause_is_claimed():
-    for one in (FULL, diagnosis(kind="none of the known", arms=(found(NAMED, lead=("level",)),))):
+    unknown = diagnosis(kind="none of the known", arms=(found(NAMED, leads=(("level",), ())),))
+    for one in (FULL, unknown):
         assert not re.search(r"caused? by|because of", Reader(page(one)).text)
 
 
@@ -287,7 +283,7 @@ def test_no_gap_is_a_verdict():
 
 def test_none_of_the_known_is_a_verdict_and_leads():
     left = dataclasses.replace(NAMED, after=8.5)
-    leading = found(left, arm=Arm.DEPTH, lead=("pair by x", "level"))
+    leading = found(left, arm=Arm.DEPTH, leads=(("pair by x", "level"), ()))
     text = Reader(page(diagnosis(kind="none of the known", arms=(leading,)))).text
     assert "Not explained by the known effects" in text
     assert "In the device's matcher and filters" in text

@@ -118,6 +118,10 @@ def test_first_tries_are_weak_and_strong_ones_to_each_side():
     )
     assert strengths.coarse(wide) == [0.07, 0.9]
     assert strengths.coarse(dataclasses.replace(wide, nodes=(0.2, 0.4, 0.6, 0.8, 2))) == [0.6]
+    heat = dataclasses.replace(
+        sides, effect=effects.named("dark_current"), nodes=(1, 10, 100, 1e3, 1e4, 1e5)
+    )
+    assert strengths.coarse(heat) == [100, 1e4, 1e5]  # Most of the range lies beyond the fifth.
     bits = dataclasses.replace(
         sides, effect=effects.named("quantisation"), base=8, nodes=(10, 12, 16), whole=True
     )
