@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from diagnosis.which import search
+from diagnosis.which.fit import fit
 from diagnosis.which.model import Model
 from diagnosis.which.signature import Signature
 from tests.unit.diagnosis.test_fit import (
+    BASE,
     FEATURES,
+    HELD,
     MADE,
+    ONES,
     VALUES,
     FakeBench,
     candidate,
     likelihood_of,
+    noise,
     searched,
     trial,
 )
@@ -34,6 +41,33 @@ def test_of_equals_the_sensor_s_own_comes_before_the_scene_s(share, first):
     assert accepted.fit.name == first
     names = {accepted.fit.name, *(one.name for one in accepted.rivals)}
     assert names == set(made)
+
+
+class Cancelling(FakeBench):
+    """Two effects that undo each other."""
+
+    def change(self, settings: dict[str, Any]) -> np.ndarray | None:
+        if {"veil", "crosstalk"} <= settings.keys():
+            settings = {name: settings[name] for name in settings.keys() - {"veil", "crosstalk"}}
+        return super().change(settings)
+
+
+def test_a_pair_has_to_outdo_the_best_effect_when_simulated():
+    """Half of the gap each, their sum is all of it; together they make nothing."""
+    whole = MADE["lens_blur"].change
+    half = np.arange(FEATURES) % 2 == 0
+    made = {
+        "lens_blur": Signature(candidate("lens_blur"), VALUES, 0.8 * whole),
+        "veil": Signature(candidate("veil"), VALUES, np.where(half, whole, 0.0)),
+        "crosstalk": Signature(candidate("crosstalk"), VALUES, np.where(half, 0.0, whole)),
+    }
+    bench = Cancelling(made)
+    likelihood = BASE.likelihood(whole[-1] + noise(9), ONES)
+    closer = [fit(one, likelihood, HELD) for one in made.values()]
+    asked = trial(bench, likelihood)
+    assert search._pairs(sorted(closer, key=lambda one: -one.total), asked)
+    found = search.search(asked, closer, [])
+    assert found.accepted[0].fit.name == "lens_blur"
 
 
 def test_what_does_not_gain_enough_beside_the_others_is_left_out():
