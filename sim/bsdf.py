@@ -29,10 +29,15 @@ def evenly_lit(body: Body, finish: Finish) -> Dict | None:
     Mitsuba knows none of a blend or a metal, and of a coated surface that beneath the coat. None
     where the body's own BSDF says it.
     """
-    changed = _changes(body, finish) and (finish.metal or finish.gloss)
-    if body.material.kind not in ("glossy", "metal") and not changed:
+    if not mirrors(body, finish):
         return None
     return _twosided({"type": "diffuse", "reflectance": _spectrum(_value(body, finish))})
+
+
+def mirrors(body: Body, finish: Finish) -> bool:
+    """Whether a coat or metal is on a body, so that it is not matt all over."""
+    laid = changes(body, finish) and (finish.gloss > 0 or finish.metal > 0)
+    return laid or body.material.kind in ("glossy", "metal")
 
 
 def grey_bitmap(image: NDArray[np.float32]) -> Dict:
@@ -49,7 +54,7 @@ def grey_bitmap(image: NDArray[np.float32]) -> Dict:
     }
 
 
-def _changes(body: Body, finish: Finish) -> bool:
+def changes(body: Body, finish: Finish) -> bool:
     """Whether the finish's shares apply to a body."""
     return finish.touches(body.name) and body.material.kind not in ("mirror", "glass")
 
@@ -69,7 +74,7 @@ def _value(body: Body, finish: Finish) -> Reflectance:
 def _blend(body: Body, finish: Finish) -> Dict:
     value = _value(body, finish)
     surface = _plain(body.material, value)
-    if not _changes(body, finish):
+    if not changes(body, finish):
         return surface
     surface = _share(finish.gloss, surface, _coated(value, finish.roughness))
     return _share(finish.metal, surface, _metal(value, finish.roughness))
@@ -122,7 +127,7 @@ def _twosided(bsdf: Dict) -> Dict:
 
 def _opened(bsdf: Dict, body: Body, finish: Finish) -> Dict:
     """Let the finish's share of light straight through."""
-    if finish.transparency == 0 or not _changes(body, finish):
+    if finish.transparency == 0 or not changes(body, finish):
         return bsdf
     return {"type": "mask", "opacity": 1 - finish.transparency, "bsdf": bsdf}
 

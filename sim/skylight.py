@@ -24,32 +24,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import backend, coat
+from sim import backend, bsdf, coat
 from sim.scene import Body, Finish
 
-NODES = 33  # Cosines of the viewing angle, even from 0 to 1.
-COLUMNS = 6  # A, V along n, V along the mirrored way: each at R = 0, and its slope over R.
+_NODES = 33  # Cosines of the viewing angle, even from 0 to 1.
+_COLUMNS = 6  # A, V along n, V along the mirrored way: each at R = 0, and its slope over R.
 MATT_TILT = 2 / 3  # V . n / A of a matt surface.
 
 _GRID = 64  # Slopes, and azimuths, of the microfacets that are summed over.
 _LEAST_COSINE = 1e-2  # In place of a surface seen from its side.
 _ALL = 1.0  # No ground under a coat is as bright as a reflectance near 1 would ask for.
 
-Table = NDArray[np.float64]  # (NODES, COLUMNS)
+Table = NDArray[np.float64]  # (_NODES, _COLUMNS)
 
 
 def of(body: Body, finish: Finish) -> Table | None:
     """What a body returns by `(A, V)`; None of one that is matt all over, or a mirror, or glass."""
-    kind, alpha = body.material.kind, body.material.roughness
-    gloss = metal = 0.0
-    if finish.touches(body.name) and kind not in ("mirror", "glass"):
-        gloss, metal = finish.gloss, finish.metal
-    own = {"glossy": _coated, "metal": _metal}.get(kind)
-    if own is None and not (gloss or metal):
+    if not bsdf.mirrors(body, finish):
         return None
-    table = _matt() if own is None else own(alpha)
-    table = (1 - gloss) * table + gloss * _coated(finish.roughness)
-    return (1 - metal) * table + metal * _metal(finish.roughness)
+    own = {"glossy": _coated, "metal": _metal}.get(body.material.kind)
+    table = _matt() if own is None else own(body.material.roughness)
+    if not bsdf.changes(body, finish):
+        return table
+    for share, laid in ((finish.gloss, _coated), (finish.metal, _metal)):
+        if share:
+            table = (1 - share) * table + share * laid(finish.roughness)
+    return table
 
 
 def looked_up(
@@ -62,14 +62,14 @@ def looked_up(
         cosine: of the viewing angle, 0..1.
         albedo: reflectance R.
     """
-    nodes = np.linspace(0, 1, NODES)
+    nodes = np.linspace(0, 1, _NODES)
     columns = [np.interp(cosine, nodes, column) for column in table.T]
-    even, along, across = (columns[n] + columns[n + 1] * albedo for n in range(0, COLUMNS, 2))
+    even, along, across = (columns[n] + columns[n + 1] * albedo for n in range(0, _COLUMNS, 2))
     return np.stack([np.minimum(even, _ALL), along, across])
 
 
 def _matt() -> Table:
-    table = np.zeros((NODES, COLUMNS))
+    table = np.zeros((_NODES, _COLUMNS))
     table[:, 1], table[:, 3] = 1.0, MATT_TILT
     return table
 
@@ -77,7 +77,7 @@ def _matt() -> Table:
 @lru_cache(maxsize=64)
 def _metal(alpha: float) -> Table:
     """Fresnel's share rises from R at normal incidence to 1 at grazing, by Schlick's law."""
-    table = np.empty((NODES, COLUMNS))
+    table = np.empty((_NODES, _COLUMNS))
     for row, lobe in zip(table, _lobes(alpha), strict=True):
         rising = (1 - lobe.cosine) ** 5
         row[0::2] = lobe.gathered(rising)
@@ -94,11 +94,11 @@ def _coated(alpha: float) -> Table:
     lobes = _lobes(alpha)
     thrown = np.stack([one.gathered(_fresnel(one.cosine, coat.IOR)) for one in lobes])
     through = 1 - thrown[:, 0] / np.array([one.gathered(1.0)[0] for one in lobes])
-    cosine = np.linspace(0, 1, NODES)
+    cosine = np.linspace(0, 1, _NODES)
     tilt = float((through * cosine**2).sum() / (through * cosine).sum())
     share = through / through[-1]
-    ground = np.stack([share, share * tilt, np.zeros(NODES)], axis=1)
-    table = np.empty((NODES, COLUMNS))
+    ground = np.stack([share, share * tilt, np.zeros(_NODES)], axis=1)
+    table = np.empty((_NODES, _COLUMNS))
     table[:, 0::2] = thrown - ground * thrown[-1, 0]
     table[:, 1::2] = ground
     return table
@@ -119,7 +119,6 @@ class _Lobe:
         return np.array([sent.mean(), (sent * self.along).mean(), (sent * self.across).mean()])
 
 
-@lru_cache(maxsize=64)
 def _lobes(alpha: float) -> tuple[_Lobe, ...]:
     place = (np.arange(_GRID) + 0.5) / _GRID
     drawn, azimuth = np.meshgrid(place, np.pi * place)  # The other half mirrors this one.
@@ -128,7 +127,7 @@ def _lobes(alpha: float) -> tuple[_Lobe, ...]:
     forth = np.sqrt(1 - up**2) * np.cos(azimuth)
     return tuple(
         _lobe(max(float(cosine), _LEAST_COSINE), alpha, up, forth)
-        for cosine in np.linspace(0, 1, NODES)
+        for cosine in np.linspace(0, 1, _NODES)
     )
 
 
@@ -187,14 +186,14 @@ class Skylight:
             opaque: share of each that lets none through.
         """
         mi, dr = backend.mitsuba(), backend.drjit()
-        place = dr.clip(cosine, 0, 1) * (NODES - 1)
-        below = dr.minimum(mi.UInt32(place), NODES - 2)
+        place = dr.clip(cosine, 0, 1) * (_NODES - 1)
+        below = dr.minimum(mi.UInt32(place), _NODES - 2)
         share = place - mi.Float(below)
-        first = (handle * NODES + below) * COLUMNS
+        first = (handle * _NODES + below) * _COLUMNS
 
         def column(number: int) -> Any:
             low, high = (
-                dr.gather(mi.Float, self._rows, first + number + step) for step in (0, COLUMNS)
+                dr.gather(mi.Float, self._rows, first + number + step) for step in (0, _COLUMNS)
             )
             return low + share * (high - low)
 

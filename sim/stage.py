@@ -47,17 +47,13 @@ class Stage:
             surface = dr.gather(mi.BSDFPtr, table, handle, si.is_valid())
         # A mirror's diffuse equivalent may exceed 1 in Mitsuba.
         albedo = dr.minimum(surface.eval_diffuse_reflectance(si, si.is_valid())[0], 1)
-        return albedo * self.opaque(si) if self._has_panes else albedo
+        return albedo * self.opaque(si)
 
     def opaque(self, si: Any) -> Any:
         """Share of surface points that lets no light straight through."""
-        if not self._has_panes:
+        if self.specular is None or not self.specular.has_panes:
             return backend.mitsuba().Float(1)
         return 1 - si.bsdf().eval_null_transmission(si, si.is_valid())[0]
-
-    @property
-    def _has_panes(self) -> bool:
-        return self.specular is not None and self.specular.has_panes
 
     @cached_property
     def evenly_lit(self) -> Any:
@@ -157,8 +153,10 @@ def _diffuse(scene: Scene, shapes: list[Any]) -> list[Any]:
 
 def _skylight(scene: Scene, shapes: list[Any]) -> Skylight | None:
     """What shapes return of the sky; those with a BSDF of their own count as matt."""
+    if not backend.is_jit():  # There `sim.render_scalar` looks tables up by itself.
+        return None
     tables = [skylight.of(body, scene.finish) for body in scene.bodies]
-    if not backend.is_jit() or not any(table is not None for table in tables):
+    if all(table is None for table in tables):
         return None
     rest = [None] * (len(shapes) - len(tables))
     return Skylight([*tables, *rest], [shape_handle(shape) for shape in shapes])

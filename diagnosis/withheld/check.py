@@ -144,7 +144,7 @@ class Check:
         told = {}
         if (arm := self.tier.arm) is not None:
             told["matcher_noticed"] = _noticed(
-                [one for one in answered if one.case.number < self.tier.measured]
+                [one for one in answered if self.tier.measures(one.case.number)]
             )
             answered, alone, twins = (_of_arm(those, arm) for those in (answered, alone, twins))
         path = self.place / "opened"

@@ -83,7 +83,7 @@ class Rendered:
         camera = self.camera
         for one in cases:
             shoot.shoot(self.light, one, out / one.name, frames=self.tier.frames)
-            if self.tier.matcher == "own" and one.number < self.tier.measured:
+            if self.tier.measures(one.number):
                 device.measure(out / one.name, camera)
         if self.tier.matcher == "starling":
             programs.depth(out, self.sensor)

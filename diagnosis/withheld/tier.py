@@ -45,6 +45,10 @@ class Tier:
             for n in range(begin, begin + self.scenes)
         ]
 
+    def measures(self, number: int) -> bool:
+        """Whether the case of a number has depth by the own matcher."""
+        return self.matcher == "own" and number < self.measured
+
     def drawn(self, singles: int | None) -> tuple[dict[CaseKind, int], int]:
         """Cases by kind and how many are left out, with another number of singles in proportion.
 
