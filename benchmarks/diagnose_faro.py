@@ -7,7 +7,7 @@ kept in OUT, as is all that is simulated: a run that was stopped goes on where i
 Usage:
     STARLING_CAPTURES=... python benchmarks/diagnose_faro.py --out OUT [--residual]
     STARLING_CAPTURES=... python benchmarks/diagnose_faro.py --out OUT --sensor FILE \
-        --rooms 4426 5074 k 6422 g
+        --rooms 4426 5074 k 6422 g --leave-out motion
     STARLING_CAPTURES=... python benchmarks/diagnose_faro.py --out OUT --set d415-table
     STARLING_CAPTURES=... python benchmarks/diagnose_faro.py --out OUT --set d415-table --off
 """
@@ -31,6 +31,7 @@ def main() -> None:
     parser.add_argument("--set", default="d415-faro")
     parser.add_argument("--sensor", default="d415")
     parser.add_argument("--rooms", nargs="*", default=[], help="rooms to ask; all if none")
+    parser.add_argument("--leave-out", nargs="*", default=[], help="families that are not tried")
     parser.add_argument("--off", action="store_true", help="the pairs with the projector off")
     parser.add_argument("--residual", action="store_true")
     asked = parser.parse_args()
@@ -47,6 +48,7 @@ def main() -> None:
             sensor,
             asked.out / "report",
             cache=asked.out / "cache",
+            leave_out=asked.leave_out,
             residual=asked.residual,
             force=True,
             tell=tell,

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from diagnosis.nuisances import Nuisances
 from sim.sensor import Sensor
 
 _MOST = 8
@@ -29,6 +30,7 @@ class Crew:
         scenes: Sequence[str],
         *,
         against: Path | None = None,
+        fitted: Mapping[str, Nuisances] | None = None,
     ) -> None:
         """Start them; each loads its scenes.
 
@@ -37,12 +39,16 @@ class Crew:
             sensor: the base.
             scenes: names of those that are simulated; they are dealt in turn.
             against: capture set that these are compared with.
+            fitted: by scene what was fitted to it, if it was.
         """
         count = max(1, min(len(os.sched_getaffinity(0)), len(scenes), _MOST))
         context = multiprocessing.get_context("spawn")
         self._pools = [
             ProcessPoolExecutor(
-                1, mp_context=context, initializer=_begin, initargs=(captures, sensor, own, against)
+                1,
+                mp_context=context,
+                initializer=_begin,
+                initargs=(captures, sensor, own, against, fitted or {}),
             )
             for own in (tuple(scenes[number::count]) for number in range(count))
         ]
@@ -78,7 +84,13 @@ def alone() -> None:
         backend.drjit().set_thread_count(1)
 
 
-def _begin(captures: Path, sensor: Sensor, scenes: tuple[str, ...], against: Path | None) -> None:
+def _begin(
+    captures: Path,
+    sensor: Sensor,
+    scenes: tuple[str, ...],
+    against: Path | None,
+    fitted: Mapping[str, Nuisances],
+) -> None:
     from diagnosis.scene_pairs import scene_pairs
     from diagnosis.subject import subject
     from sim import capture
@@ -87,7 +99,7 @@ def _begin(captures: Path, sensor: Sensor, scenes: tuple[str, ...], against: Pat
     other = None if against is None else capture.open_set(against)
     for one, beside in scene_pairs(capture.open_set(captures), other).pairs:
         if one.name in scenes:
-            _held[one.name] = subject(one, sensor, against=beside)
+            _held[one.name] = subject(one, sensor, against=beside, fitted=fitted.get(one.name))
 
 
 def _do(scene: str, work: Any, arguments: tuple[Any, ...]) -> Any:

@@ -34,6 +34,7 @@ class Diagnosis:
     against: str | None  # Capture set that this one is compared with; None: with simulation.
     scenes: tuple[str, ...]
     locked: tuple[str, ...]  # Those of the scenes that only tell how far.
+    fitted: dict[str, dict[str, float]]  # By scene what was fitted to it, by effect.
     limits: tuple[str, ...]  # What these captures cannot tell, a sentence each.
     where: Where
     arms: tuple[Found, ...]
@@ -87,7 +88,8 @@ def diagnose(
     other = None if against is None else against.path
     # Those asked are dealt first: they are nearly all of the work, and one waits for the other.
     dealt = [one.name for one in (*asked, *locked)]
-    with Crew(captures.path, sensor, dealt, against=other) as crew:
+    fitted = {one.name: one.nuisances for one in subjects}
+    with Crew(captures.path, sensor, dealt, against=other, fitted=fitted) as crew:
         screens = [
             screened(arm, asked, families=families, cache=cache, crew=crew, tell=tell)
             for arm in open_arms(subjects, asked)
@@ -117,6 +119,9 @@ def diagnose(
         against=None if other is None else str(other),
         scenes=tuple(one.name for one in subjects),
         locked=tuple(one.name for one in locked),
+        fitted={
+            one.name: {name: each.own for name, each in one.nuisances.items()} for one in subjects
+        },
         limits=tuple(limits),
         where=told,
         arms=found.arms,

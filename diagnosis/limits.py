@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from diagnosis.named import FEWEST, LOCKED
+from diagnosis.nuisances import SCALE
 from diagnosis.subject import Subject
 from diagnosis.which.candidates import LEFT_OUT
 
@@ -91,9 +92,35 @@ def _light(subjects: Sequence[Subject]) -> Iterator[str]:
             "Reflectance and ambient light were estimated from these images: light, exposure, "
             "gain, fall-off and reflectance are partly taken up by them, and are not separable."
         )
-    if len({repr(one.scene.ambient) for one in subjects}) > 1:
+    elif len({repr(one.scene.ambient) for one in subjects}) > 1:
         yield "Scenes differ in ambient light: what is tried of it departs from the first scene's."
+    yield from _fitted(subjects)
     yield from _exposures(subjects)
+
+
+def _fitted(subjects: Sequence[Subject]) -> Iterator[str]:
+    names = sorted({name for one in subjects for name in one.nuisances})
+    if names:
+        spans = []
+        for name in names:
+            values = [one.nuisances[name].own for one in subjects if name in one.nuisances]
+            spans.append(f"{name} {min(values):.5g} to {max(values):.5g}")
+        tried = any(one.against is not None for one in subjects)
+        yield (
+            f"Fitted to each scene by itself: {', '.join(spans)}. "
+            + ("Effects depart from that." if tried else "So these are not tried as effects.")
+        )
+    dotted = [one for one in subjects if one.estimates and one.real.right is not None]
+    strange = [
+        one.name
+        for one in dotted
+        if one.sensor.projector.power_w > 0 and SCALE not in one.nuisances
+    ]
+    if strange:
+        yield (
+            f"Dots{_of(strange, subjects)} are not where this sensor's pattern has them, however "
+            "far it is spread: features of where dots stand tell that the pattern is another."
+        )
 
 
 def _exposures(subjects: Sequence[Subject]) -> Iterator[str]:

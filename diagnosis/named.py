@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from diagnosis import rooms
+from diagnosis import nuisances, rooms
 from diagnosis.crew import Crew
 from diagnosis.howfar.judged import Judged, judged
 from diagnosis.subject import Subject
@@ -81,17 +81,21 @@ def screened(
     Args:
         arm: one that is open.
         asked: at least one subject.
-        families: of effects that are tried; None tries all.
+        families: of effects that are tried; None tries all but what was fitted to a scene from the
+            very captures that are diagnosed.
         always: as `arms.screen`.
         cache: folder that keeps what is simulated, for other runs.
         crew: who simulates; None: this process.
         tell: wraps loops that take long.
     """
     table = bench(asked, arm, cache=cache, crew=crew)
+    first = asked[0]
+    base = setting.apply(first.sensor, first.scene, nuisances.commonly(first.nuisances))
+    taken = {name for one in asked if one.against is None for name in one.nuisances}
     tried = [
         one
-        for one in candidates(asked[0].sensor, asked[0].scene, arm)
-        if families is None or one.effect.family in families
+        for one in candidates(*base, arm)
+        if (families is None or one.effect.family in families) and one.name not in taken
     ]
     return table, arms.screen(table, tried, always=always, tell=tell)
 
@@ -118,7 +122,7 @@ def named(screens: Sequence[tuple[Bench, Screen]], locked: Sequence[Subject]) ->
 
 def _settable(of: Subject, settings: dict[str, Value]) -> bool:
     try:
-        setting.apply(of.sensor, of.scene, settings)
+        setting.apply(of.sensor, of.scene, of.own(settings))
     except InputError:
         return False
     return True

@@ -10,9 +10,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis import estimated, projector_frame
+from diagnosis import estimated, nuisances, projector_frame
 from diagnosis.estimated import Estimates
 from diagnosis.ground import Ground, ground
+from diagnosis.nuisances import Nuisances
 from diagnosis.reading import (
     Maps,
     Reading,
@@ -51,12 +52,13 @@ class Subject:
     name: str
     room: str
     scene: Scene
-    sensor: Sensor  # The base.
+    sensor: Sensor  # The base, with what was fitted to this scene.
     ground: Ground
     real: Reading
     frames: int  # Of a simulated reading.
     against: Reading | None  # What the real one is compared with; None: with simulated ones.
     estimates: Estimates  # What else the scene may be, as far as its captures tell.
+    nuisances: Nuisances  # Fitted to this scene; what effects set departs from them.
     _stage: Stage = field(repr=False)
     _layers: Layers = field(repr=False)
     _memory: Memory = field(repr=False)  # Of the captured pairs' searches.
@@ -154,11 +156,16 @@ class Subject:
         own = map(self._noise, seeds)
         return summary([simulate.expose(layers, scene, sensor, seed=seed) for seed in own], sensor)
 
+    def own(self, settings: Mapping[str, Value]) -> dict[str, Value]:
+        """What effects, set from the base that all scenes have in common, set in this one."""
+        return nuisances.own(settings, self.nuisances)
+
     def _noise(self, seed: int) -> int:
         """Seed of a scene's noise, which no simulated capture of that scene shares."""
         return scene_seed(seed, f"diagnosis of {self.name}")
 
     def _set(self, settings: Mapping[str, Value]) -> tuple[Sensor, Scene, Layers]:
+        settings = self.own(settings)
         sensor = _on_sensor(self.sensor, tuple(settings.items()))
         scene = setting.on_scene(self.scene, settings)
         return sensor, scene, self._rendered(scene, sensor, settings)
@@ -210,7 +217,11 @@ def _measured(sensor: Sensor, pairs: Sequence[simulate.Pair]) -> Maps:
 
 
 def subject(
-    captured: CapturedScene, sensor: Sensor, *, against: CapturedScene | None = None
+    captured: CapturedScene,
+    sensor: Sensor,
+    *,
+    against: CapturedScene | None = None,
+    fitted: Nuisances | None = None,
 ) -> Subject:
     """Make a subject of a captured scene.
 
@@ -219,6 +230,7 @@ def subject(
         sensor: the base.
         against: the same scene captured by the base, which it is then compared with; what is known
             of the scene is taken from here.
+        fitted: nuisances that were fitted to it before; None fits them.
 
     Raises:
         InputError: if neither geometry nor reference depth is known, an image is damaged, nothing
@@ -226,6 +238,9 @@ def subject(
     """
     known_by = captured if against is None else against
     scene, estimates = estimated.scene(known_by, sensor)
+    if fitted is None:
+        fitted = nuisances.fitted(known_by, scene, sensor) if estimates else {}
+    sensor = nuisances.on_sensor(sensor, fitted)
     base = read(known_by, sensor)
     made = of_scene(
         scene,
@@ -236,6 +251,7 @@ def subject(
         real=base,
         frames=base.repeats,
         estimates=estimates,
+        fitted=fitted,
     )
     return made if against is None else retaken(made, captured, against=base)
 
@@ -268,6 +284,7 @@ def of_scene(
     real: Reading,
     frames: int,
     estimates: Estimates = (),
+    fitted: Nuisances | None = None,
 ) -> Subject:
     """Make a subject of a scene whatever it comes from.
 
@@ -280,6 +297,7 @@ def of_scene(
         real: what was captured.
         frames: repeats of a simulated reading.
         estimates: what else the scene may be, as far as its captures tell.
+        fitted: nuisances, which sensor and scene have; None: none.
 
     Raises:
         InputError: if no depth is known anywhere.
@@ -308,6 +326,7 @@ def of_scene(
         frames=frames,
         against=None,
         estimates=estimates,
+        nuisances=fitted or {},
         _stage=stage,
         _layers=layers,
         _memory=Memory(_searches(real, None)),

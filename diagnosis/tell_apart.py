@@ -173,7 +173,7 @@ def _setups(rival: Mapping[str, Value], of: Subject, proposal: Proposal) -> Sequ
     The rival is first: what is switched off in a proposal stays off.
     """
     try:
-        sensor, scene = setting.apply(of.sensor, of.scene, rival)
+        sensor, scene = setting.apply(of.sensor, of.scene, of.own(rival))
         return proposal.setups(scene, sensor)
     except InputError:
         return None

@@ -47,6 +47,7 @@ def figures(of: Diagnosis) -> dict[str, Any]:
             ),
             "scenes": of.scenes,
             "locked": of.locked,
+            "fitted": of.fitted,
             "limits": of.limits,
         }
     )

@@ -357,6 +357,7 @@ def test_reflectance_that_is_estimated_is_said_to_take_up_light(place, diagnosed
     told = diagnosed(guessed, "--families", "veil")
     assert any("Reflectance and ambient light were estimated" in limit for limit in told["limits"])
     assert any("Only effects of these families were tried: veil" in one for one in told["limits"])
+    assert all("ambient" in fitted for fitted in told["fitted"].values())
     scene = subject.subject(capture.open_set(guessed).scenes[0], sensor())
     table = bench.bench([scene], Arm.IMAGE)
     changes = table.otherwise()

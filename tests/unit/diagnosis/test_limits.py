@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from diagnosis.limits import limits_of
+from diagnosis.nuisances import SCALE, Nuisance
 from sim import sensors
 from sim.imager.exposure import Exposure
 from sim.sensor import Sensor
@@ -19,7 +20,7 @@ SENSOR = sensors.load("d435")
 
 def scene(name: str = "a", *, room: str = "", sensor: Sensor = SENSOR, **real: Any) -> Any:
     image = np.zeros((2, 3, 3))
-    given = {"left": image, "device_px": image, "moved": False, "exposure": None} | real
+    given = {"left": image, "right": image, "device_px": image, "moved": False, "exposure": None} | real
     return SimpleNamespace(
         name=name,
         room=room or name,
@@ -27,6 +28,8 @@ def scene(name: str = "a", *, room: str = "", sensor: Sensor = SENSOR, **real: A
         real=SimpleNamespace(**given),
         frames=2,
         estimates=(),
+        against=None,
+        nuisances={},
         scene=SimpleNamespace(ambient=None),
     )
 
@@ -52,9 +55,26 @@ def test_every_lack_has_its_sentence():
     assert "left aside: c." in told(scene(), scene("b"), aside=["c"])
     assert "families were tried: gain, veil." in told(scene(), families=["veil", "gain"])
     lit = scene("b")
-    lit.scene.ambient, lit.frames, lit.estimates = 3.0, 1, (1,)
+    lit.scene.ambient, lit.frames = 3.0, 1
+    assert "differ in ambient" in told(scene(), lit) and "One frame" in told(lit)
+    lit.estimates = (1,)
     text = told(scene(), lit)
-    assert "differ in ambient" in text and "One frame" in text and "Reflectance and ambient" in text
+    assert "Reflectance and ambient" in text and "differ in ambient" not in text
+
+
+def test_what_was_fitted_to_each_scene_is_told_and_where_dots_are_another_patterns():
+    first, second = scene("a"), scene("b")
+    first.nuisances = {"ambient": Nuisance(0.4, 0.1), SCALE: Nuisance(1.0, 0.9985)}
+    second.nuisances = {"ambient": Nuisance(0.4, 0.25)}
+    text = told(first, second)
+    assert "by itself: ambient 0.1 to 0.25, pattern_scale 0.9985 to 0.9985. So these are" in text
+    assert "Dots" not in text
+    second.against = first
+    assert "Effects depart from that." in told(first, second)
+    first.estimates = second.estimates = (1,)
+    assert "Dots of b are not where this sensor's pattern has them" in told(first, second)
+    second.sensor = with_values(SENSOR, [("projector.power_w", 0.0)])
+    assert "Dots" not in told(first, second)
 
 
 @pytest.mark.parametrize(

@@ -131,6 +131,7 @@ def diagnosis(captured: list[Reading] | None = None, **others: Any) -> Diagnosis
         "against": None,
         "scenes": names,
         "locked": names[1:2],
+        "fitted": {},
         "limits": (),
         "where": where(captured),
         "arms": (found(NAMED),),

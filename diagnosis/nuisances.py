@@ -1,0 +1,129 @@
+"""What is fitted to each scene before effects are asked for: it differs from room to room.
+
+How brightly a room is lit, and how far the projector's pattern is spread, as its laser's wavelength
+drifts with warmth. What all scenes are asked about departs from each one's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import correlation, heldout
+from sim import metrics
+from sim.capture import CapturedScene
+from sim.depth import disparity_from_depth
+from sim.effects.effect import Value
+from sim.scene import Scene
+from sim.scenes.room_light import LIT_ROOM_W_M2
+from sim.sensor import Sensor
+from sim.sensor_edits import with_values
+from sim.stage import Stage
+
+AMBIENT, SCALE = "ambient", "pattern_scale"  # Rows of the effect table.
+_STEP = 2e-3  # Of the scales that are tried: dots some 1.5 px apart at the image's edge.
+_STEPS = 3  # To each side: three times what warmth was seen to do.
+_CLOSER = 1e-3
+_AGREE = 0.2  # Least correlation with the dots: 0.8 where the pattern is known, 0.05 by chance.
+
+
+@dataclass(frozen=True, slots=True)
+class Nuisance:
+    """One number of a scene."""
+
+    common: float  # What effects name as the base, the same for all scenes,
+    own: float  # and what this scene has there.
+
+
+Nuisances = Mapping[str, Nuisance]  # By effect.
+
+
+def fitted(captured: CapturedScene, scene: Scene, sensor: Sensor) -> Nuisances:
+    """Fit them to a scene whose light was estimated from its images.
+
+    Args:
+        captured: what was captured of it.
+        scene: what is known of it.
+        sensor: the base.
+    """
+    common = sensor.projector.pattern_scale
+    found = {AMBIENT: Nuisance(LIT_ROOM_W_M2, scene.ambient.irradiance_w_m2)}
+    scale = pattern_scale(captured, scene, sensor)
+    return found if scale is None else {**found, SCALE: Nuisance(common, scale)}
+
+
+def on_sensor(sensor: Sensor, nuisances: Nuisances) -> Sensor:
+    """The base as it was when a scene was captured."""
+    if SCALE not in nuisances:
+        return sensor
+    return with_values(sensor, [("projector.pattern_scale", nuisances[SCALE].own)])
+
+
+def own(settings: Mapping[str, Value], nuisances: Nuisances) -> dict[str, Value]:
+    """What effects set in one scene: they depart from its own base as they do from the common one.
+
+    Args:
+        settings: value by effect, from the common base.
+        nuisances: of the scene.
+    """
+    moved = dict(settings)
+    for name in settings.keys() & nuisances.keys():
+        one = nuisances[name]
+        moved[name] = max(0.0, one.own + (float(settings[name]) - one.common))
+    return moved
+
+
+def commonly(nuisances: Nuisances) -> dict[str, Value]:
+    """Settings at which every scene has the common base."""
+    return {name: one.common for name, one in nuisances.items()}
+
+
+def pattern_scale(captured: CapturedScene, scene: Scene, sensor: Sensor) -> float | None:
+    """Scale of the pattern at which simulated dots lie where the infrared images have them.
+
+    A parabola through local correlations of the images, both views', about the best of some scales.
+    None where there is no infrared pair or no light, or where dots agree at no scale: then they are
+    another pattern's.
+
+    Args:
+        captured: what was captured of the scene.
+        scene: its surface, in any light.
+        sensor: the base, whose own scale is the middle of those that are tried.
+    """
+    frame = captured.frame(captured.frames[0])
+    if frame.ir_left is None or frame.ir_right is None or sensor.projector.power_w == 0:
+        return None
+    real = [correlation.high_passed(one) for one in (frame.ir_left, frame.ir_right)]
+    stage, base = Stage(scene), sensor.projector.pattern_scale
+    tried = base * (1 + _STEP * np.arange(-_STEPS, _STEPS + 1))
+    agreement = [_agreement(real, stage, sensor, float(one)) for one in tried]
+    best = int(np.argmax(agreement))
+    if agreement[best] < _AGREE:
+        return None
+    below, above = (
+        _agreement(real, stage, sensor, float(tried[best] * (1 + off)))
+        for off in (-_CLOSER, _CLOSER)
+    )
+    bent = 2 * agreement[best] - below - above
+    off = 0.5 * (above - below) / bent if bent > 0 else 0.0
+    return float(tried[best] * (1 + _CLOSER * np.clip(off, -2, 2)))
+
+
+def _agreement(
+    real: list[NDArray[np.float32]], stage: Stage, sensor: Sensor, scale: float
+) -> float:
+    """Mean correlation of both views' windows away from depth edges."""
+    images, depth_m = heldout.simulate(stage, sensor, scale)
+    found = []
+    for seen, side in zip(real, ("left", "right"), strict=True):
+        disparity = disparity_from_depth(
+            depth_m[side], focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
+        )
+        usable = np.isfinite(disparity) & ~metrics.depth_edges(disparity)
+        made = correlation.high_passed(images[side])
+        found.append(correlation.local_ncc(seen, made, usable))
+    every = np.concatenate(found)
+    return float(every.mean()) if every.size else 0.0

@@ -1,0 +1,92 @@
+"""What is fitted to each scene before effects are asked for: its light, its pattern's scale.
+
+**Rationale.** Captures are simulated with a pattern that warmth has spread, and their scenes'
+descriptions taken away, as of a real room. A fit by dots alone has to find the scale again; that
+of another pattern has to find none. Effects depart from what was fitted, by hand-made numbers.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from diagnosis import check_camera, estimated, named, nuisances, subject
+from diagnosis.nuisances import AMBIENT, SCALE, Nuisance
+from diagnosis.which.candidates import Arm
+from sim import capture
+from sim.capture import CapturedScene
+from sim.sensor import Sensor
+from sim.sensor_edits import with_values
+from sim.simulate_captures import simulate_captures
+
+WARM = 1.0013
+SENSOR = check_camera.camera(424, 240)
+FITTED = {AMBIENT: Nuisance(0.4, 0.1), SCALE: Nuisance(1.0, 0.999)}
+
+
+def captured(folder: Path, scale: float = WARM, scene: str = "clutter:1") -> CapturedScene:
+    simulate_captures(scene, with_values(SENSOR, [("projector.pattern_scale", scale)]), folder)
+    (one,) = capture.open_set(folder).scenes
+    (one.path / "scene.toml").unlink()
+    return one
+
+
+@pytest.fixture(scope="module")
+def warm(tmp_path_factory: pytest.TempPathFactory) -> CapturedScene:
+    return captured(tmp_path_factory.mktemp("warm") / "set")
+
+
+def fitted(scene: CapturedScene, sensor: Sensor) -> float | None:
+    return nuisances.pattern_scale(scene, estimated.scene(scene, sensor)[0], sensor)
+
+
+def test_the_scale_is_found_that_captures_were_made_with(warm):
+    assert fitted(warm, SENSOR) == pytest.approx(WARM, abs=1.5e-4)
+    other = with_values(SENSOR, [("projector.pattern_scale", 1.001)])
+    assert fitted(warm, other) == pytest.approx(WARM, abs=1.5e-4)
+
+
+def test_dots_of_another_pattern_or_none_tell_no_scale(warm, tmp_path):
+    scene, _ = estimated.scene(warm, SENSOR)
+    for path, value in (("projector.pattern_seed", 3), ("projector.power_w", 0.0)):
+        sensor = with_values(SENSOR, [(path, value)])
+        assert nuisances.pattern_scale(warm, scene, sensor) is None
+    alone = captured(tmp_path / "alone")
+    (alone.path / "0" / "ir_right.png").unlink()
+    (again,) = capture.open_set(tmp_path / "alone").scenes
+    assert nuisances.pattern_scale(again, scene, SENSOR) is None
+
+
+def test_a_subject_is_simulated_as_its_scene_was(warm):
+    one = subject.subject(warm, SENSOR)
+    assert one.nuisances.keys() == {AMBIENT, SCALE}
+    assert one.sensor.projector.pattern_scale == one.nuisances[SCALE].own != 1
+    assert one.nuisances[AMBIENT].own == one.scene.ambient.irradiance_w_m2
+    again = subject.subject(warm, SENSOR, fitted=FITTED)
+    assert again.sensor.projector.pattern_scale == 0.999 and again.nuisances == FITTED
+
+
+def test_effects_depart_from_what_a_scene_has_of_its_own():
+    assert nuisances.own({"gamma": 1.2}, FITTED) == {"gamma": 1.2}
+    assert nuisances.own({SCALE: 1.002, "gamma": 1.2}, FITTED) == pytest.approx(
+        {SCALE: 1.001, "gamma": 1.2}
+    )
+    assert nuisances.own(nuisances.commonly(FITTED), FITTED) == {AMBIENT: 0.1, SCALE: 0.999}
+    assert nuisances.own({AMBIENT: 0.6}, FITTED) == pytest.approx({AMBIENT: 0.3})
+    assert nuisances.own({AMBIENT: 0.2}, FITTED) == {AMBIENT: 0.0}
+    assert nuisances.on_sensor(SENSOR, {AMBIENT: FITTED[AMBIENT]}) is SENSOR
+
+
+def test_what_was_fitted_is_tried_against_another_capture_alone(warm):
+    """Of the very images that it was fitted to it is no question."""
+    tried = {}
+    for against in (None, warm):
+        one = subject.subject(warm, SENSOR, against=against, fitted=FITTED)
+        families = ["ambient", "pattern_scale"]
+        _, screen = named.screened(Arm.IMAGE, [one], families=families)
+        tried[against] = {rough.name: rough for rough in screen.rough}
+    assert tried[None].keys() == {"sunlight"}
+    assert tried[warm].keys() == {AMBIENT, SCALE, "sunlight"}
+    assert tried[warm][AMBIENT].candidate.base == 0.4
+    assert tried[warm][SCALE].candidate.base == 1.0
