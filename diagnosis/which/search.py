@@ -66,7 +66,7 @@ def search(trial: Trial, closer: Sequence[Fit], alone: Sequence[Fit]) -> Search:
     likelihood = trial.likelihood
     first = sharper([one.signature for one in closer], trial, likelihood.nothing)
     signatures = [one.signature for one in first]
-    model = _grown(_begun(first, trial), trial, signatures)
+    model = _grown(_begun(first, trial, alone), trial, signatures)
     if not trial.explained(model.made()):
         other = _exchanged(model, trial, signatures)
         if other is not model:
@@ -88,17 +88,20 @@ def search(trial: Trial, closer: Sequence[Fit], alone: Sequence[Fit]) -> Search:
     )
 
 
-def _begun(first: Sequence[Fit], trial: Trial) -> Model:
+def _begun(first: Sequence[Fit], trial: Trial, every: Sequence[Fit]) -> Model:
     """The best effect, or two that gain enough over it, simulated together; none below threshold.
 
     What two make one by one does not add up where they are strong: a sum may outdo the one effect
-    that is there, by what no simulation bears out.
+    that is there, by what no simulation bears out. And two may make up for where a second projector
+    stands, which is none of the sums' parameters.
     """
     nothing = Model((), (), trial.likelihood.nothing)
     if not first or first[0].total < trial.threshold:
         return nothing
     best = first[0]
     alone = simulated(trial, nothing.wider(best)) or nothing
+    if not trial.explained(alone.made()):
+        alone = _completed(alone, trial, every)
     for pair in _pairs(first, trial)[:_BEGUN]:
         both = _better(pair, alone, trial)
         if both is not None:
@@ -190,7 +193,7 @@ def _completed(model: Model, trial: Trial, alone: Sequence[Fit]) -> Model:
             beside = signature(candidate, trial.bench, coarse(candidate), given=model.settings)
             if beside is None:
                 continue
-            best = trial.fit(beside, given=model.made())
+            (best,) = sharper([beside], trial, model.made())
             if best.total >= trial.threshold:
                 model = _better(model.wider(best), model, trial) or model
     return model

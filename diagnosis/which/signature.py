@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ class Signature:
     # (values, features) deviation of that from device to device and exposure to exposure; None of
     # what is the same in all.
     scatter: NDArray[np.float64] | None = None
+    given: Mapping[str, Value] = field(default_factory=dict)  # Effects that act already.
 
     @property
     def name(self) -> str:
@@ -83,7 +84,7 @@ def signature(
         place = int(np.searchsorted(np.array(values, float), float(candidate.base)))
     values.insert(place, candidate.base)
     changes.insert(place, np.zeros_like(changes[0]))
-    return Signature(candidate, tuple(values), np.stack(changes), _stacked(scatter, place))
+    return Signature(candidate, tuple(values), np.stack(changes), _stacked(scatter, place), given)
 
 
 def _stacked(scatter: Sequence[Row | None], place: int) -> NDArray[np.float64] | None:
@@ -101,4 +102,4 @@ def with_node(of: Signature, value: Value, bench: Bench) -> Signature:
         bench: the subjects.
     """
     nodes = [node for node in of.values if node != of.candidate.base]
-    return signature(of.candidate, bench, sorted([*nodes, value], key=float)) or of
+    return signature(of.candidate, bench, sorted([*nodes, value], key=float), given=of.given) or of

@@ -20,7 +20,7 @@ _NEAR = 0.5  # if they gain nearly as much as the best: all but this share.
 _HOPEFUL = 0.65  # As much less gain those that are simulated at one more of their nodes.
 _NO_NEWS = 0.05  # Share of a strength by which the next that is simulated differs at least,
 _FINE = 0.15  # and that by which one halfway to a neighbour does.
-_ROUNDS = 4  # Of simulating where one fits.
+_ROUNDS = 5  # Of simulating where one fits.
 _WIDE, _MANY = 40.0, 5  # Strongest over weakest of a range, and its nodes, that make it wide.
 _BEYOND = 5.0  # Range's end over the strong one tried, from which that tells little of the end.
 _AFTER_SEARCH = ("matcher.refinement.", "matcher.checks.")
@@ -115,7 +115,10 @@ def _ranked(fits: Sequence[Fit]) -> list[Fit]:
 
 def _closer(of: Fit) -> Value | None:
     """The strength at which to simulate next: where it fits, and if that is at one that is
-    simulated, beyond it or halfway to the better of its neighbours. None where that is no news.
+    simulated, beyond it or halfway to the farther of its neighbours. None where that is no news.
+
+    The better of them is no guide: of an effect twice as strong as fits, features may be farther
+    off than of none at all.
 
     If a node of the candidate's lies there, it is that.
     """
@@ -125,25 +128,34 @@ def _closer(of: Fit) -> Value | None:
     base = float(one.candidate.base)
     off = abs(float(of.value) - float(one.values[node]))
     if off > _NO_NEWS * abs(float(of.value) - base) or one.values[node] == base:
-        value, least = _node(one, int(of.place), of.place), _NO_NEWS
+        value, least = _node(one, int(of.place), float(of.value)), _NO_NEWS
     else:
         beyond = [each for each in one.candidate.nodes if _is_beyond(one, node, float(each))]
         if beyond:
             return min(beyond, key=lambda each: abs(float(each) - float(one.values[node])))
-        cost = of.cost.sum(axis=1)[np.isin(of.places, range(len(one.values)))]
+        at = float(one.values[node])
         beside = [n for n in (node - 1, node + 1) if 0 <= n < len(one.values)]
-        better = min(beside, key=lambda n: cost[n])
-        value, least = _node(one, min(node, better), 0.5 * (node + better)), _FINE
+        halves = {n: _halfway(at, float(one.values[n]), base) for n in beside}
+        farther = max(beside, key=lambda n: abs(halves[n] - at))
+        value, least = _node(one, min(node, farther), halves[farther]), _FINE
+        value = round(value) if one.candidate.whole else value
     apart = min(abs(float(value) - float(each)) for each in one.values)
     return value if apart > least * abs(float(value) - base) else None
 
 
-def _node(of: Signature, below: int, place: float) -> Value:
-    """The value at a place, or the candidate's nearest node between those simulated beside it."""
-    value = of.value(place)
+def _halfway(one: float, other: float, base: float) -> float:
+    """Between two strengths, by factors; by steps where one is the base or beyond it."""
+    first, second = one - base, other - base
+    if first * second <= 0:
+        return 0.5 * (one + other)
+    return base + float(np.copysign(np.sqrt(first * second), first))
+
+
+def _node(of: Signature, below: int, value: float) -> float:
+    """A value, or the candidate's nearest node between those simulated beside it."""
     low, high = float(of.values[below]), float(of.values[below + 1])
-    between = [node for node in of.candidate.nodes if low < float(node) < high]
-    return min(between, key=lambda node: abs(float(node) - float(value)), default=value)
+    between = [float(node) for node in of.candidate.nodes if low < float(node) < high]
+    return min(between, key=lambda node: abs(node - value), default=value)
 
 
 def _is_beyond(of: Signature, place: int, value: float) -> bool:

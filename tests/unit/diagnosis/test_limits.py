@@ -20,7 +20,13 @@ SENSOR = sensors.load("d435")
 
 def scene(name: str = "a", *, room: str = "", sensor: Sensor = SENSOR, **real: Any) -> Any:
     image = np.zeros((2, 3, 3))
-    given = {"left": image, "right": image, "device_px": image, "moved": False, "exposure": None} | real
+    given = {
+        "left": image,
+        "right": image,
+        "device_px": image,
+        "moved": False,
+        "exposure": None,
+    } | real
     return SimpleNamespace(
         name=name,
         room=room or name,

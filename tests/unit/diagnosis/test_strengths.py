@@ -138,7 +138,7 @@ def test_first_tries_are_weak_and_strong_ones_to_each_side():
 
 @pytest.mark.parametrize(
     "at, closer",
-    [(-0.3, -0.4), (0.05, 0.1), (0.25, 0.3), (0.4, 0.3), (0.9, 1.5), (0.47, 0.47)],
+    [(-0.3, -0.4), (0.05, 0.1), (0.25, 0.3), (0.4, 0.55), (0.9, 1.5), (0.47, 0.47)],
 )
 def test_a_candidates_nodes_come_before_other_strengths(at, closer):
     """Between what is simulated, beyond it, and where none is left what fits itself."""
@@ -170,9 +170,17 @@ class Bent(FakeBench):
         return np.where(turn, 1.0, -1.0) * value * np.ones((SCENES, 1))
 
 
-def bent(value: float, nodes: tuple[float, ...]) -> tuple[Signature, float, float]:
+class Steep(FakeBench):
+    """The square of the strength, of another shape at each: far above it all is farther off."""
+
+    def change(self, settings: dict[str, Any]) -> np.ndarray | None:
+        value = float(settings.get("veil", 0.0))
+        turn = np.arange(FEATURES) < FEATURES * value
+        return np.where(turn, 3.0, -1.0) * value**2 * np.ones((SCENES, 1))
+
+
+def sharpened(bench: Any, value: float, nodes: tuple[float, ...]) -> tuple[Signature, float, float]:
     """Its signature, sharpened for a strength, where it then fits, and what it gains."""
-    bench: Any = Bent()
     change = bench.change({"veil": value})
     likelihood = BASE.likelihood(change + noise(5), ONES)
     one = simulated_signature(candidate("veil"), bench, nodes)
@@ -184,11 +192,18 @@ def bent(value: float, nodes: tuple[float, ...]) -> tuple[Signature, float, floa
 
 @pytest.mark.parametrize("value", [0.4, 0.55, 0.8])
 def test_an_effect_is_simulated_until_it_fits_where_it_is_simulated(value):
-    sharp, found, gained = bent(value, (0.1, 1.0))
+    sharp, found, gained = sharpened(Bent(), value, (0.1, 1.0))
     assert found == pytest.approx(value, rel=0.2) and gained > LEAST_GAIN
-    assert 3 < len(sharp.values) <= 6
+    assert 3 < len(sharp.values) <= 3 + strengths._ROUNDS
+
+
+@pytest.mark.parametrize("value", [0.55, 0.65, 0.8])
+def test_both_sides_of_where_an_effect_fits_are_looked_at(value):
+    """At 3.0 it is far worse than none at all; yet the strength lies on that side of 0.5."""
+    _, found, gained = sharpened(Steep(), value, (0.3, 0.5, 3.0))
+    assert found == pytest.approx(value, rel=0.05) and gained > LEAST_GAIN
 
 
 def test_what_fits_at_a_node_with_near_neighbours_is_not_simulated_again():
-    sharp, found, gained = bent(0.5, (0.45, 0.5, 0.55))
+    sharp, found, gained = sharpened(Bent(), 0.5, (0.45, 0.5, 0.55))
     assert found == pytest.approx(0.5, rel=0.02) and len(sharp.values) == 4 and gained == 0
