@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from diagnosis import subject
 from diagnosis.reading import Reading
 from diagnosis.subject import Subject
-from diagnosis.which.arm import group
 from diagnosis.which.bench import bench
 from diagnosis.which.candidates import Arm
+from diagnosis.which.left import group
 from diagnosis.which.null import FLOOR
 from patterns.errors import InputError
 from sim.effects import setting

@@ -12,6 +12,7 @@ from diagnosis.howfar.judged import Judged
 from diagnosis.howfar.residual import Residual
 from diagnosis.report import sentences
 from diagnosis.which.arm import Found
+from diagnosis.which.left import by_group, by_scene
 from diagnosis.which.search import Accepted
 
 
@@ -96,6 +97,11 @@ def _effect(arm: Found, one: Accepted) -> dict[str, Any]:
 
 
 def _arm(arm: Found) -> dict[str, Any]:
+    before, after = arm.likelihood.left(arm.likelihood.nothing), arm.search.left
+    weight = arm.likelihood.weight
+    names = [one.name for one in arm.bench.subjects]
+    scenes = zip(names, by_scene(before, weight), by_scene(after, weight), strict=True)
+    groups = [by_group(arm.bench.names, table, weight) for table in (before, after)]
     return {
         "before": arm.search.before,
         "after": arm.search.after,
@@ -105,6 +111,10 @@ def _arm(arm: Found) -> dict[str, Any]:
         "unexplained": arm.unexplained,
         "lead": arm.lead,
         "varying": arm.varying,
+        "by_scene": {name: {"before": float(b), "after": float(a)} for name, b, a in scenes},
+        "by_group": {
+            name: {"before": groups[0][name], "after": after} for name, after in groups[1].items()
+        },
         "features": len(arm.bench.names),
         "votes": float(arm.screen.weight.sum()),
         "alone": [

@@ -10,10 +10,12 @@ from diagnosis.report import sentences
 from diagnosis.report.elements import Bar, chart, prose
 from diagnosis.tell_apart import Told
 from diagnosis.which.arm import Found
+from diagnosis.which.left import by_group
 from diagnosis.which.search import Accepted
 from sim.effects import setting
 
 ALONE = 15  # Effects whose gain alone is drawn.
+GROUPS = 10  # Of features, that are listed.
 
 
 def section(of: Diagnosis) -> str:
@@ -37,6 +39,7 @@ def _arm(arm: Found) -> str:
         + prose(said)
         + _accepted(found.accepted)
         + _lead(arm)
+        + _groups(arm)
         + f"<h4>Held-out gain of single effects, each alone</h4>{_alone(arm)}"
     )
 
@@ -84,6 +87,19 @@ def _lead(arm: Found) -> str:
         f'<ul class="open"><li>None of the known effects explains what is left here. It shows in '
         f"{escape(shows)}.</li></ul>"
     )
+
+
+def _groups(arm: Found) -> str:
+    """Which features the gap is made of, before and after."""
+    weight = arm.likelihood.weight
+    before = by_group(arm.bench.names, arm.likelihood.left(arm.likelihood.nothing), weight)
+    after = by_group(arm.bench.names, arm.search.left, weight)
+    rows = [
+        [escape(name), number(size, ".3f"), number(after[name], ".3f")]
+        for name, size in list(before.items())[:GROUPS]
+    ]
+    said = "Features that tell alike, and what each such group adds to the gap's size."
+    return f"<h4>What it is made of</h4>{prose(said)}{table(['Of', 'Before', 'After'], rows)}"
 
 
 def _alone(arm: Found) -> str:

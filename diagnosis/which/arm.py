@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.ground import COVARIATES
 from diagnosis.which import null, search
 from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit, folds
+from diagnosis.which.left import leads
 from diagnosis.which.likelihood import Likelihood, weights
 from diagnosis.which.null import Base
 from diagnosis.which.search import Search
@@ -22,7 +22,6 @@ from diagnosis.which.strengths import coarse
 from diagnosis.which.trial import Trial
 from sim import progress
 from sim.effects.effect import Value
-from sim.statistics import mean_known
 
 CLOSER = 12  # Candidates that are simulated at more strengths.
 _WORTH_IT = 0.25  # Of the threshold, that one has to gain alone.
@@ -31,8 +30,6 @@ _WORTH_IT = 0.25  # Of the threshold, that one has to gain alone.
 # no effect is simulated as it truly is.
 BEYOND_NOISE, UNEXPLAINED = 0.35, 0.65
 OF_BEFORE = {Arm.IMAGE: 0.04, Arm.DEPTH: 0.1, Arm.WHOLE: 0.04}  # Matchers are told of less well.
-_NAMED = 3  # Groups of features that a lead names.
-_LEAD = 3.0  # Mean deviations of a group from which it is a lead.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -157,44 +154,3 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
         lead=alike,
         varying=each,
     )
-
-
-def leads(
-    features: Sequence[str], left: NDArray[np.float64]
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Name what stays unexplained: alike in all scenes, and in most scenes but in each otherwise.
-
-    What differs from scene to scene no effect of the camera explains that has one strength for all.
-
-    Args:
-        features: their names.
-        left: (scenes, features) what is left, over its deviation; NaN where not known.
-
-    Returns:
-        Groups of features whose mean over scenes is far off, the worst first, and others of which
-        the median scene is.
-    """
-    groups = np.array([group(name) for name in features])
-    alike: dict[str, float] = {}
-    each: dict[str, float] = {}
-    for name in dict.fromkeys(groups.tolist()):
-        inside = left[:, groups == name]
-        mean = mean_known(inside, axis=0)
-        alike[name] = float(np.sqrt(mean_known(mean**2, axis=0)))
-        of_scenes = np.sqrt(mean_known(inside**2, axis=1))
-        each[name] = float(np.median(np.nan_to_num(of_scenes)))
-    first = _worst(alike)
-    return first, _worst({name: size for name, size in each.items() if name not in first})
-
-
-def _worst(size: Mapping[str, float]) -> tuple[str, ...]:
-    """Names of what is far off, the worst first; what no scene tells of is not."""
-    worst = sorted((name for name in size if size[name] > _LEAD), key=lambda name: -size[name])
-    return tuple(worst[:_NAMED])
-
-
-def group(name: str) -> str:
-    """Features that tell of one thing: `holes.edge.open` is of `holes by edge`."""
-    first, *rest = name.split(".")
-    by = next((word for word in rest if word in COVARIATES), None)
-    return first if by is None else f"{first} by {by}"

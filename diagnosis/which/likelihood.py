@@ -14,7 +14,7 @@ from diagnosis.which.signature import Signature
 
 FREEDOM = 4.0  # Of Student's t: a feature that the simulator gets wrong must not decide alone.
 TAU = 0.2  # Share of its own size by which what effects make is taken to be wrong.
-_LARGEST = 100.0  # Squared deviations of one feature that count for a gap's size.
+LARGEST = 100.0  # Squared deviations of one feature that count for a gap's size.
 _SEEN = 1.0  # Deviations, root sum of squares, below which a change tells of no likeness.
 
 
@@ -67,7 +67,7 @@ class Likelihood:
         return np.where(known, off + wide, self._alone()) @ self.weight
 
     def _sum(self, square: Table, known: NDArray[np.bool_]) -> NDArray[np.float64]:
-        return np.where(known, np.minimum(square, _LARGEST), 0.0) @ self.weight
+        return np.where(known, np.minimum(square, LARGEST), 0.0) @ self.weight
 
     def _square(self, made: Made) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         known = np.isfinite(self.gap) & np.isfinite(made.change)

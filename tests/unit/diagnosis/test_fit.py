@@ -63,7 +63,7 @@ BASE = Base(
 class FakeBench:
     """Simulates by adding signatures, and what two effects make only together."""
 
-    subjects = tuple(SimpleNamespace(room=room) for room in ROOMS)
+    subjects: Any = tuple(SimpleNamespace(name=room, room=room) for room in ROOMS)
 
     def __init__(self, made: dict[str, Signature] = MADE, together: float = 0.0) -> None:
         self.made = made

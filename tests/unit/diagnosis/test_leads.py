@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from diagnosis.report import sentences
-from diagnosis.which.arm import leads
+from diagnosis.which.left import by_group, by_scene, leads
+from diagnosis.which.likelihood import Likelihood
 from tests.unit.diagnosis.test_report import NAMED, found
 
 NAMES = ("level.x.left", "level.x.right", "dots.x.left", "dots.x.right", "holes", "time")
@@ -56,3 +57,17 @@ def test_what_is_not_known_is_no_lead():
 )
 def test_a_lead_in_words(alike, each, said):
     assert sentences.lead(found(NAMED, leads=(alike, each))) == said
+
+
+def test_groups_and_scenes_are_parts_of_the_size_of_a_gap():
+    table = left(dots=[3, -3, 1, np.nan], level=[20, 1, 1, 1])
+    weight = np.array([1.0, 0.5, 0.25, 1.0, 0.0, 2.0])
+    gap = np.where(np.isfinite(table), table, np.nan)
+    told = Likelihood(gap, np.ones(gap.shape), weight)
+    assert by_scene(table, weight) == pytest.approx(told.sizes(told.nothing))
+    parts = by_group(NAMES, table, weight)
+    assert sum(parts.values()) == pytest.approx(told.size(told.nothing))
+    assert list(parts) == ["level by x", "dots by x", "time", "holes"]
+    votes = 3 * 4.75 + 3.5
+    assert parts["level by x"] == pytest.approx(1.5 * (100 + 3) / votes)
+    assert parts["holes"] == 0
