@@ -104,7 +104,8 @@ def _fitted(subjects: Sequence[Subject]) -> Iterator[str]:
         spans = []
         for name in names:
             values = [one.nuisances[name].own for one in subjects if name in one.nuisances]
-            spans.append(f"{name} {min(values):.5g} to {max(values):.5g}")
+            ends = dict.fromkeys(f"{end:.5g}" for end in (min(values), max(values)))
+            spans.append(f"{name} {' to '.join(ends)}")
         tried = any(one.against is not None for one in subjects)
         yield (
             f"Fitted to each scene by itself: {', '.join(spans)}. "

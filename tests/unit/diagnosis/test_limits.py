@@ -73,7 +73,7 @@ def test_what_was_fitted_to_each_scene_is_told_and_where_dots_are_another_patter
     first.nuisances = {"ambient": Nuisance(0.4, 0.1), SCALE: Nuisance(1.0, 0.9985)}
     second.nuisances = {"ambient": Nuisance(0.4, 0.25)}
     text = told(first, second)
-    assert "by itself: ambient 0.1 to 0.25, pattern_scale 0.9985 to 0.9985. So these are" in text
+    assert "by itself: ambient 0.1 to 0.25, pattern_scale 0.9985. So these are" in text
     assert "Dots" not in text
     second.against = first
     assert "Effects depart from that." in told(first, second)
