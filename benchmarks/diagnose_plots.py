@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
+from diagnosis.report.groups import told as told_as
 from sim import canvas
 
 Reports = Mapping[str, Mapping[str, Any]]
@@ -37,6 +38,8 @@ MAPS = {
     "error": ("disparity, real less simulated [px]", 1.0),
     "holes": ("no depth [points]", 100.0),
 }
+ARMS = {"image": "images", "depth": "matcher and filters", "whole": "depth alone"}
+GROUPS = 14  # Of features, that are drawn.
 DPI = 110
 
 
@@ -99,6 +102,32 @@ def gaps(reports: Reports) -> bytes:
     return canvas.encoded(figure)
 
 
+def groups(reports: Reports) -> bytes:
+    """Draw which features a gap is made of, before and after, in each half of the chain."""
+    arms = [arm for arm in ARMS if any(arm in one["which"] for one in reports.values())]
+    figure = canvas.empty((5.2 * len(arms), 0.6 + 0.34 * GROUPS), DPI, layout="constrained")
+    for axes, arm in zip(figure.subplots(1, len(arms), squeeze=False)[0], arms, strict=True):
+        told = {name: one["which"][arm]["by_group"] for name, one in reports.items()}
+        known = {name for by_group in told.values() for name in by_group}
+        names = sorted(known, key=lambda name: -_largest(told.values(), name))[:GROUPS]
+        height = 0.8 / len(reports)
+        for turn, (label, by_group) in enumerate(told.items()):
+            places = np.arange(len(names)) + (turn - (len(told) - 1) / 2) * height
+            sizes = [by_group.get(name, {"before": 0.0, "after": 0.0}) for name in names]
+            before, after = ([one[when] for one in sizes] for when in ("before", "after"))
+            axes.barh(places, before, height, color=f"C{turn}", alpha=0.35)
+            axes.barh(places, after, height, color=f"C{turn}", label=label)
+        axes.set_yticks(range(len(names)), [told_as(name) for name in names], fontsize=8)
+        axes.invert_yaxis()
+        axes.set_title(f"{ARMS[arm]}: size of the gap (pale), and what is left", fontsize=9)
+        axes.legend(frameon=False, loc="lower right")
+    return canvas.encoded(figure)
+
+
+def _largest(told: Iterable[Mapping[str, Mapping[str, float]]], name: str) -> float:
+    return max(one[name]["before"] for one in told if name in one)
+
+
 def _map(report: Mapping[str, Any], quantity: str) -> np.ndarray:
     for one in report["where"]["maps"]:
         if (one["quantity"], one["frame"]) == (quantity, "camera"):
@@ -121,7 +150,7 @@ def main() -> None:
         name, _, folder = one.partition("=")
         reports[name] = json.loads((Path(folder) / "report.json").read_text(encoding="utf-8"))
     asked.out.mkdir(parents=True, exist_ok=True)
-    for name, draw in {"parts": parts, "places": places, "gaps": gaps}.items():
+    for name, draw in {"parts": parts, "places": places, "groups": groups, "gaps": gaps}.items():
         (asked.out / f"d415-{name}.png").write_bytes(draw(reports))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.howfar.closed import Closed
+from diagnosis.report import groups
 from diagnosis.report.words import words
 from diagnosis.which.arm import Found
 from diagnosis.which.search import Accepted
@@ -57,9 +58,9 @@ def _which(of: Diagnosis) -> str:
 
 def lead(arm: Found) -> str:
     """Name what an arm leaves unexplained."""
-    said = [", ".join(arm.lead)] if arm.lead else []
+    said = [", ".join(map(groups.told, arm.lead))] if arm.lead else []
     if arm.varying:
-        said.append(f"{', '.join(arm.varying)}, in each scene otherwise")
+        said.append(f"{', '.join(map(groups.told, arm.varying))}, in each scene otherwise")
     return "; ".join(said) or "no single group of features"
 
 

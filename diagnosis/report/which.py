@@ -6,7 +6,7 @@ from html import escape
 
 from calibration.report.elements import counted, number, table
 from diagnosis.diagnosis import Diagnosis
-from diagnosis.report import sentences
+from diagnosis.report import groups, sentences
 from diagnosis.report.elements import Bar, chart, prose
 from diagnosis.tell_apart import Told
 from diagnosis.which.arm import Found
@@ -95,7 +95,7 @@ def _groups(arm: Found) -> str:
     before = by_group(arm.bench.names, arm.likelihood.left(arm.likelihood.nothing), weight)
     after = by_group(arm.bench.names, arm.search.left, weight)
     rows = [
-        [escape(name), number(size, ".3f"), number(after[name], ".3f")]
+        [escape(groups.told(name)), number(size, ".3f"), number(after[name], ".3f")]
         for name, size in list(before.items())[:GROUPS]
     ]
     said = "Features that tell alike, and what each such group adds to the gap's size."

@@ -20,6 +20,7 @@ import pytest
 
 import starling
 from diagnosis import estimated, light_sets, named, own_depth, reading, subject
+from diagnosis.report import groups
 from diagnosis.tell_apart import MENU, tell_apart
 from diagnosis.which import bench, null
 from diagnosis.which.candidates import Arm
@@ -88,6 +89,7 @@ def test_an_effect_is_named_measured_and_mended(place, diagnosed):
     assert features["closed_pct"] > 50 and features["after"] < features["before"]
     assert sum(told["shares"].values()) == pytest.approx(1)
     assert told["which"]["image"]["alone"][0]["name"] == found["name"]
+    assert all(map(groups.told, told["which"]["image"]["by_group"]))
     assert told["where"]["parts"]["ndp_rate"]["device"] is None
     fixed = sensors.load(str(place / "bent-report" / "sensor.toml"))
     assert fixed.left.gamma == fixed.right.gamma == pytest.approx(found["parameters"]["gamma"])

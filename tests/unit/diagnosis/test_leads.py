@@ -50,9 +50,17 @@ def test_what_is_not_known_is_no_lead():
     ("alike", "each", "said"),
     [
         ((), (), "no single group of features"),
-        (("level", "holes"), (), "level, holes"),
-        ((), ("dots by x",), "dots by x, in each scene otherwise"),
-        (("level",), ("dots by x",), "level; dots by x, in each scene otherwise"),
+        (
+            ("level", "right noise by y"),
+            (),
+            "brightness, noise from pixel to pixel of the right image by y",
+        ),
+        ((), ("holes by x",), "pixels without depth by x, in each scene otherwise"),
+        (
+            ("level",),
+            ("dots",),
+            "brightness; where dots stand and how wide they are, in each scene otherwise",
+        ),
     ],
 )
 def test_a_lead_in_words(alike, each, said):

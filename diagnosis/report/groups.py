@@ -1,0 +1,32 @@
+"""What groups of features are called where people read of them."""
+
+from __future__ import annotations
+
+_RIGHT = "right "
+WORDS = {
+    "level": "brightness",
+    "codes": "which codes the converter uses",
+    "noise": "noise from pixel to pixel",
+    "time": "what changes from frame to frame",
+    "texture": "sharpness",
+    "dots": "where dots stand and how wide they are",
+    "pair": "the right image against the left",
+    "error": "errors of disparity",
+    "holes": "pixels without depth",
+    "surface": "steps and flat parts of the depth map",
+    "range": "the nearest and farthest depth",
+    "against": "the device's depth against our matcher's",
+}
+
+
+def told(group: str) -> str:
+    """A group of features in words.
+
+    Args:
+        group: as `diagnosis.which.left.group` names it.
+    """
+    kind, by, covariate = group.removeprefix(_RIGHT).partition(" by ")
+    said = WORDS[kind]
+    if group.startswith(_RIGHT):
+        said += " of the right image"
+    return f"{said}{by}{covariate}"
