@@ -119,7 +119,8 @@ def groups(reports: Reports) -> bytes:
             axes.barh(places, after, height, color=f"C{turn}", label=label)
         axes.set_yticks(range(len(names)), [told_as(name) for name in names], fontsize=8)
         axes.invert_yaxis()
-        axes.set_title(f"{ARMS[arm]}: size of the gap (pale), and what is left", fontsize=9)
+        axes.set_title(ARMS[arm], fontsize=9)
+        axes.set_xlabel("parts of the gap's size: pale before, full after", fontsize=8)
         axes.legend(frameon=False, loc="lower right")
     return canvas.encoded(figure)
 

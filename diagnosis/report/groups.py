@@ -9,7 +9,7 @@ WORDS = {
     "noise": "noise from pixel to pixel",
     "time": "what changes from frame to frame",
     "texture": "sharpness",
-    "dots": "where dots stand and how wide they are",
+    "dots": "place and width of dots",
     "pair": "the right image against the left",
     "error": "errors of disparity",
     "holes": "pixels without depth",
@@ -26,7 +26,5 @@ def told(group: str) -> str:
         group: as `diagnosis.which.left.group` names it.
     """
     kind, by, covariate = group.removeprefix(_RIGHT).partition(" by ")
-    said = WORDS[kind]
-    if group.startswith(_RIGHT):
-        said += " of the right image"
-    return f"{said}{by}{covariate}"
+    side = " of the right image" if group.startswith(_RIGHT) else ""
+    return f"{WORDS[kind]}{side}{by and ','}{by}{covariate}"

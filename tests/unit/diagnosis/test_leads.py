@@ -53,13 +53,13 @@ def test_what_is_not_known_is_no_lead():
         (
             ("level", "right noise by y"),
             (),
-            "brightness, noise from pixel to pixel of the right image by y",
+            "brightness, noise from pixel to pixel of the right image, by y",
         ),
-        ((), ("holes by x",), "pixels without depth by x, in each scene otherwise"),
+        ((), ("holes by x",), "pixels without depth, by x, in each scene otherwise"),
         (
             ("level",),
             ("dots",),
-            "brightness; where dots stand and how wide they are, in each scene otherwise",
+            "brightness; place and width of dots, in each scene otherwise",
         ),
     ],
 )

@@ -290,7 +290,7 @@ def test_none_of_the_known_is_a_verdict_and_leads():
     assert "In the device's matcher and filters" in text
     assert (
         "None of the known effects explains what is left here. It shows in the right image against "
-        "the left by x, brightness." in text
+        "the left, by x, brightness." in text
     )
     assert "what is left here" not in Reader(page(FULL)).text
 
