@@ -12,7 +12,7 @@ from diagnosis.howfar.judged import Judged
 from diagnosis.howfar.residual import Residual
 from diagnosis.report import sentences
 from diagnosis.which.arm import Found
-from diagnosis.which.left import by_group, by_scene
+from diagnosis.which.left import alike, by_group, by_scene
 from diagnosis.which.search import Accepted
 
 
@@ -101,6 +101,7 @@ def _arm(arm: Found) -> dict[str, Any]:
     weight = arm.likelihood.weight
     names = [one.name for one in arm.bench.subjects]
     scenes = zip(names, by_scene(before, weight), by_scene(after, weight), strict=True)
+    gap = dict(zip(arm.bench.names, arm.likelihood.gap.T.tolist(), strict=True))
     groups = [by_group(arm.bench.names, table, weight) for table in (before, after)]
     return {
         "before": arm.search.before,
@@ -114,6 +115,10 @@ def _arm(arm: Found) -> dict[str, Any]:
         "by_scene": {name: {"before": float(b), "after": float(a)} for name, b, a in scenes},
         "by_group": {
             name: {"before": groups[0][name], "after": after} for name, after in groups[1].items()
+        },
+        "alike": {
+            name: {"gap": gap[name], "left": each}
+            for name, each in alike(arm.bench.names, after, weight).items()
         },
         "features": len(arm.bench.names),
         "votes": float(arm.screen.weight.sum()),

@@ -6,11 +6,12 @@ from html import escape
 
 from calibration.report.elements import counted, number, table
 from diagnosis.diagnosis import Diagnosis
+from diagnosis.named import FEWEST
 from diagnosis.report import groups, sentences
 from diagnosis.report.elements import Bar, chart, prose
 from diagnosis.tell_apart import Told
 from diagnosis.which.arm import Found
-from diagnosis.which.left import by_group
+from diagnosis.which.left import alike, by_group
 from diagnosis.which.search import Accepted
 from sim.effects import setting
 
@@ -99,7 +100,24 @@ def _groups(arm: Found) -> str:
         for name, size in list(before.items())[:GROUPS]
     ]
     said = "Features that tell alike, and what each such group adds to the gap's size."
-    return f"<h4>What it is made of</h4>{prose(said)}{table(['Of', 'Before', 'After'], rows)}"
+    made = f"<h4>What it is made of</h4>{prose(said)}{table(['Of', 'Before', 'After'], rows)}"
+    return made + _alike(arm)
+
+
+def _alike(arm: Found) -> str:
+    """Which single features are off after, the same way in every scene."""
+    found = list(alike(arm.bench.names, arm.search.left, arm.likelihood.weight).items())
+    if len(arm.bench.subjects) < FEWEST or not found:
+        return ""
+    said = (
+        f"{counted(len(found), 'feature')} of {len(arm.bench.names)} are off the same way in every "
+        "scene after that; deviations left, those first that are off most and have most votes."
+    )
+    rows = [
+        [escape(name), number(min(each), ".1f"), number(max(each), ".1f")]
+        for name, each in found[:GROUPS]
+    ]
+    return f"<h4>Off alike in every scene</h4>{prose(said)}{table(['Of', 'Least', 'Most'], rows)}"
 
 
 def _alone(arm: Found) -> str:

@@ -13,6 +13,7 @@ from sim.statistics import mean_known
 
 _NAMED = 3  # Groups of features that a lead names.
 _LEAD = 3.0  # Mean deviations of a group from which it is a lead.
+_OFF = 1.0  # Deviations from which a feature is off.
 
 
 def by_scene(left: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -42,6 +43,24 @@ def by_group(
     for name, part in zip(features, parts, strict=True):
         total[group(name)] = total.get(group(name), 0.0) + float(part)
     return dict(sorted(total.items(), key=lambda one: -one[1]))
+
+
+def alike(
+    features: Sequence[str], left: NDArray[np.float64], weight: NDArray[np.float64]
+) -> dict[str, list[float]]:
+    """Features that are off in every scene, and the same way, with what is left in each; those that
+    are off most and have most votes first.
+
+    Args:
+        features: their names.
+        left: as `by_scene`.
+        weight: likewise.
+    """
+    off = np.where(np.isfinite(left), np.abs(left), 0.0).min(axis=0) > _OFF
+    same = off & (np.sign(left) == np.sign(left[:1])).all(axis=0)
+    far = np.abs(np.nan_to_num(left).mean(axis=0)) * np.sqrt(weight)
+    order = [int(number) for number in np.argsort(-far) if same[number]]
+    return {features[number]: left[:, number].tolist() for number in order}
 
 
 def _squares(left: NDArray[np.float64]) -> NDArray[np.float64]:

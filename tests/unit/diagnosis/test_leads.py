@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diagnosis.report import sentences
-from diagnosis.which.left import by_group, by_scene, leads
+from diagnosis.which.left import alike, by_group, by_scene, leads
 from diagnosis.which.likelihood import Likelihood
 from tests.unit.diagnosis.test_report import NAMED, found
 
@@ -79,3 +79,13 @@ def test_groups_and_scenes_are_parts_of_the_size_of_a_gap():
     votes = 3 * 4.75 + 3.5
     assert parts["level by x"] == pytest.approx(1.5 * (100 + 3) / votes)
     assert parts["holes"] == 0
+
+
+def test_what_is_off_the_same_way_in_every_scene():
+    """Not what one scene does not know, nor what is off by less than noise in one."""
+    table = left(
+        dots=[3, 4, 2, 3], holes=[-5, -6, -7, -8], time=[-4, 4, 4, 4], level=[9, 9, 9, 0.9]
+    )
+    table[0, 3] = np.nan
+    weight = np.full(len(NAMES), 0.5)
+    assert alike(NAMES, table, weight) == {"holes": [-5, -6, -7, -8], "dots.x.left": [3, 4, 2, 3]}
