@@ -11,6 +11,7 @@ from sklearn.tree import DecisionTreeRegressor
 
 from diagnosis.ground import Ground, Mask
 from diagnosis.rooms import means
+from diagnosis.where.table import share
 
 Limits = dict[str, tuple[float, float]]  # By covariate, from and to.
 
@@ -31,7 +32,7 @@ class Rule:
     gap: float  # Share of no-depth pixels, second less first.
     area: float  # Share of the counted pixels.
     net: float  # What it adds to the gap of all pixels.
-    share: float  # That of the whole gap; NaN where there is next to none.
+    share: float  # That of the whole gap; NaN where gaps cancel (see `table.share`).
 
 
 def rules(
@@ -72,6 +73,13 @@ def rules(
     learnt_at = tree.apply(learnt_x)
     leaves = [tree.apply(x) for x, _ in judge]
     total = float(np.mean([y.mean() for _, y in judge]))
+    nets = {
+        leaf: float(
+            np.mean([(y * (at == leaf)).mean() for (_, y), at in zip(judge, leaves, strict=True)])
+        )
+        for leaf in np.unique(np.concatenate(leaves)).tolist()
+    }
+    gross = sum(map(abs, nets.values()))
     units = {name: grounds[0].covariates[name].unit for name in names}
     found = []
     for leaf, text in _paths(tree, names, units):
@@ -87,11 +95,9 @@ def rules(
             continue
         gap = float(np.nanmean(each))
         area = float(np.mean([np.mean(at == leaf) for at in leaves]))
-        net = float(
-            np.mean([(y * (at == leaf)).mean() for (_, y), at in zip(judge, leaves, strict=True)])
-        )
-        share = net / total if abs(total) > 1e-4 else float("nan")
-        found.append(Rule(text=text, gap=gap, area=area, net=net, share=share))
+        net = nets[leaf]
+        part = share(net, total, gross)
+        found.append(Rule(text=text, gap=gap, area=area, net=net, share=part))
     return sorted(found, key=lambda rule: -abs(rule.net))
 
 

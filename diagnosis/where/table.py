@@ -13,6 +13,7 @@ from diagnosis.rooms import FEWEST, draws, means
 
 _FEWEST = 200  # Pixels of a scene in a bin.
 _DRAWS = 2000
+_CANCELS = 0.1  # Of all that changed, up to which a net gap is what others leave of each other.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -25,8 +26,19 @@ class Row:
     low: float  # 95 % bootstrap interval over rooms; NaN of too few.
     high: float
     area: float  # Share of the counted pixels that lie in it.
-    share: float  # Share of the whole gap that lies in it; NaN where there is next to none.
+    share: float  # Share of the whole gap that lies in it; NaN where gaps cancel (see `share`).
     p: float  # Chance of as large a standardised gap in any row, were signs of rooms arbitrary.
+
+
+def share(part: float, total: float, gross: float) -> float:
+    """Share of a whole gap that is a part's; NaN where gaps cancel but for a tenth of them.
+
+    Args:
+        part: net gap of the part.
+        total: net gap of all.
+        gross: sum of the parts' gaps, whichever way each goes.
+    """
+    return part / total if abs(total) > _CANCELS * gross else float("nan")
 
 
 def table(
@@ -65,9 +77,12 @@ def table(
             net[column] += float(change[where].sum())
             if count >= _FEWEST:
                 gaps[scene, column] = change[where].mean()
+    by_covariate: dict[str, float] = {}
+    for (name, _), part in zip(keys, net, strict=True):
+        by_covariate[name] = by_covariate.get(name, 0.0) + abs(float(part))
+    gross = max(by_covariate.values())
     p = _max_t(means(gaps, rooms))
     low, high = _interval(gaps, rooms)
-    small = abs(total) < 1e-4 * pixels
     rows = [
         Row(
             covariate=name,
@@ -76,7 +91,7 @@ def table(
             low=float(low[column]),
             high=float(high[column]),
             area=float(area[column] / max(pixels, 1)),
-            share=float("nan") if small else float(net[column] / total),
+            share=share(float(net[column]), total, gross),
             p=float(p[column]),
         )
         for column, (name, word) in enumerate(keys)

@@ -92,6 +92,18 @@ def test_more_holes_in_one_bin_are_found_there():
     assert abs(other.gap) < 0.01 and other.p > 0.2
 
 
+def test_gaps_that_cancel_have_no_shares():
+    """Ten points more on one side, as many fewer on the other."""
+    left, right = (GROUND.covariates["x"].where(word) for word in ("left", "right"))
+    first = [holes(scene, right) for scene in range(SCENES)]
+    second = [holes(50 + scene, left) for scene in range(SCENES)]
+    rows = table.table(first, second, [GROUND] * SCENES, ROOMS)
+    assert all(np.isnan(row.share) for row in rows)
+    assert np.isnan(table.share(0.05, 0.1, 1.0)) and table.share(0.06, 0.12, 1.0) == 0.5
+    told = rules.rules(first, second, [GROUND] * SCENES, ROOMS)
+    assert len(told) >= 2 and all(np.isnan(rule.share) for rule in told)
+
+
 def test_rows_of_no_gap_are_rarely_named():
     """20 sets of scenes without a gap: the smallest chance of all rows is below 5 % in about
     one; in more than four once in 400 such tests."""
