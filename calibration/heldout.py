@@ -134,11 +134,21 @@ def _quiet(imager: Imager) -> Imager:
     )
 
 
+def away_from_edges(depth_m: Array, sensor: Sensor) -> NDArray[np.bool_]:
+    """Pixels (h, w) of a view that see a surface away from depth edges.
+
+    Args:
+        depth_m: (h, w) that the view sees; NaN where it sees nothing.
+        sensor: whose disparity tells what an edge is.
+    """
+    disparity = disparity_from_depth(depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m)
+    return np.isfinite(disparity) & ~metrics.depth_edges(disparity)
+
+
 def _usable(
     observation: Observation, sensor: Sensor, side: Side, depth_m: Array
 ) -> NDArray[np.bool_]:
-    disparity = disparity_from_depth(depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m)
-    usable = np.isfinite(disparity) & ~metrics.depth_edges(disparity)
+    usable = away_from_edges(depth_m, sensor)
     if side == "left" and observation.truth_m is not None:
         usable &= np.isfinite(observation.truth_m)
     return usable

@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import correlation, heldout
-from sim import metrics
 from sim.capture import CapturedScene
-from sim.depth import disparity_from_depth
 from sim.effects.effect import Value
 from sim.scene import Scene
 from sim.scenes.room_light import LIT_ROOM_W_M2
@@ -119,10 +117,7 @@ def _agreement(
     images, depth_m = heldout.simulate(stage, sensor, scale)
     found = []
     for seen, side in zip(real, ("left", "right"), strict=True):
-        disparity = disparity_from_depth(
-            depth_m[side], focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
-        )
-        usable = np.isfinite(disparity) & ~metrics.depth_edges(disparity)
+        usable = heldout.away_from_edges(depth_m[side], sensor)
         made = correlation.high_passed(images[side])
         found.append(correlation.local_ncc(seen, made, usable))
     every = np.concatenate(found)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from diagnosis.diagnosis import Diagnosis
@@ -12,7 +12,6 @@ from diagnosis.howfar.judged import Judged
 from diagnosis.howfar.residual import Residual
 from diagnosis.report import sentences
 from diagnosis.which.arm import Found
-from diagnosis.which.left import alike, by_group, by_scene
 from diagnosis.which.search import Accepted
 
 
@@ -97,12 +96,7 @@ def _effect(arm: Found, one: Accepted) -> dict[str, Any]:
 
 
 def _arm(arm: Found) -> dict[str, Any]:
-    before, after = arm.likelihood.left(arm.likelihood.nothing), arm.search.left
-    weight = arm.likelihood.weight
-    names = [one.name for one in arm.bench.subjects]
-    scenes = zip(names, by_scene(before, weight), by_scene(after, weight), strict=True)
     gap = dict(zip(arm.bench.names, arm.likelihood.gap.T.tolist(), strict=True))
-    groups = [by_group(arm.bench.names, table, weight) for table in (before, after)]
     return {
         "before": arm.search.before,
         "after": arm.search.after,
@@ -112,20 +106,19 @@ def _arm(arm: Found) -> dict[str, Any]:
         "unexplained": arm.unexplained,
         "lead": arm.lead,
         "varying": arm.varying,
-        "by_scene": {name: {"before": float(b), "after": float(a)} for name, b, a in scenes},
-        "by_group": {
-            name: {"before": groups[0][name], "after": after} for name, after in groups[1].items()
-        },
-        "alike": {
-            name: {"gap": gap[name], "left": each}
-            for name, each in alike(arm.bench.names, after, weight).items()
-        },
+        "by_scene": _before_and_after(arm.by_scene),
+        "by_group": _before_and_after(arm.by_group),
+        "alike": {name: {"gap": gap[name], "left": each} for name, each in arm.alike.items()},
         "features": len(arm.bench.names),
         "votes": float(arm.screen.weight.sum()),
         "alone": [
             {"name": one.name, "value": one.value, "gain": one.total} for one in arm.search.alone
         ],
     }
+
+
+def _before_and_after(sizes: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float]]:
+    return {name: {"before": before, "after": after} for name, (before, after) in sizes.items()}
 
 
 def plain(value: Any) -> Any:

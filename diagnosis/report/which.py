@@ -11,7 +11,6 @@ from diagnosis.report import groups, sentences
 from diagnosis.report.elements import Bar, chart, prose
 from diagnosis.tell_apart import Told
 from diagnosis.which.arm import Found
-from diagnosis.which.left import alike, by_group
 from diagnosis.which.search import Accepted
 from sim.effects import setting
 
@@ -92,12 +91,9 @@ def _lead(arm: Found) -> str:
 
 def _groups(arm: Found) -> str:
     """Which features the gap is made of, before and after."""
-    weight = arm.likelihood.weight
-    before = by_group(arm.bench.names, arm.likelihood.left(arm.likelihood.nothing), weight)
-    after = by_group(arm.bench.names, arm.search.left, weight)
     rows = [
-        [escape(groups.told(name)), number(size, ".3f"), number(after[name], ".3f")]
-        for name, size in list(before.items())[:GROUPS]
+        [escape(groups.told(name)), number(before, ".3f"), number(after, ".3f")]
+        for name, (before, after) in list(arm.by_group.items())[:GROUPS]
     ]
     said = "Features that tell alike, and what each such group adds to the gap's size."
     made = f"<h4>What it is made of</h4>{prose(said)}{table(['Of', 'Before', 'After'], rows)}"
@@ -106,7 +102,7 @@ def _groups(arm: Found) -> str:
 
 def _alike(arm: Found) -> str:
     """Which single features are off after, the same way in every scene."""
-    found = list(alike(arm.bench.names, arm.search.left, arm.likelihood.weight).items())
+    found = list(arm.alike.items())
     if len(arm.bench.subjects) < FEWEST or not found:
         return ""
     said = (

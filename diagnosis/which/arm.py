@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.which import null, search
-from diagnosis.which.bench import Bench
+from diagnosis.which import left, null, search
+from diagnosis.which.bench import Bench, Table
 from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit, folds
-from diagnosis.which.left import leads
 from diagnosis.which.likelihood import Likelihood, weights
 from diagnosis.which.null import Base
 from diagnosis.which.search import Search
@@ -60,6 +59,34 @@ class Found:
     def settings(self) -> dict[str, Value]:
         """Value by accepted effect."""
         return self.search.settings
+
+    @property
+    def by_scene(self) -> dict[str, tuple[float, float]]:
+        """Size of the gap in each scene, before and after."""
+        names = [one.name for one in self.bench.subjects]
+        sizes = [left.by_scene(table, self.likelihood.weight) for table in self._tables()]
+        return {
+            name: (float(before), float(after))
+            for name, before, after in zip(names, *sizes, strict=True)
+        }
+
+    @property
+    def by_group(self) -> dict[str, tuple[float, float]]:
+        """What groups of features add to the gap's size, before and after; those first that add
+        most before.
+        """
+        names, weight = self.bench.names, self.likelihood.weight
+        before, after = (left.by_group(names, table, weight) for table in self._tables())
+        return {name: (size, after[name]) for name, size in before.items()}
+
+    @property
+    def alike(self) -> dict[str, list[float]]:
+        """What is left of features that are off the same way in every scene (see `left.alike`)."""
+        return left.alike(self.bench.names, self.search.left, self.likelihood.weight)
+
+    def _tables(self) -> tuple[Table, Table]:
+        """The gap over its deviation (scenes, features), before and after."""
+        return self.likelihood.left(self.likelihood.nothing), self.search.left
 
     @property
     def unexplained(self) -> bool:
@@ -144,7 +171,7 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
         explained_below=explained,
     )
     found = search.search(trial, closer if before > screen.noise else [], alone)
-    alike, each = leads(bench.names, found.left)
+    alike, each = left.leads(bench.names, found.left)
     return Found(
         bench=bench,
         screen=screen,
