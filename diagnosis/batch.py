@@ -58,7 +58,7 @@ def diagnose(
         cache: folder that keeps what is simulated, for other runs.
         without: by capture set an effect whose family is not to be tried, and in a second verdict
             nor those of effects that it is confused with, as the table says; then only the capture
-            sets named here are diagnosed. Where the first is "none of the known", so is the second.
+            sets named here are diagnosed. Where the first explains no arm, neither does the second.
         tell: wraps the loop over capture sets.
 
     Raises:
@@ -90,7 +90,10 @@ def diagnose(
 
 def _as_before(before: frozenset[str], told: Mapping[str, Any], tried: frozenset[str]) -> bool:
     """Whether a verdict holds of fewer effects too: what many do not explain few do not either."""
-    return tried == before or (tried < before and told["verdict"] == "none of the known")
+    if tried == before:
+        return True
+    unexplained = (arm["beyond"] > arm["below"] for arm in told["left"].values())
+    return tried < before and all(unexplained)
 
 
 def _missing(out: Path, case: str, without: Mapping[str, str] | None) -> dict[Path, frozenset[str]]:
@@ -125,14 +128,18 @@ def _told(found: Named, *, seed: int) -> dict[str, Any]:
         "effects": sorted(figures.effects(found.arms), key=lambda one: -one["gain"]),
         "left": {
             arm.bench.arm.value: {
-                "before": arm.search.before,
-                "after": arm.search.after,
+                "before": arm.sizes[0],
+                "after": arm.sizes[1],
+                "beyond": arm.beyond,
                 "below": arm.explained_below,
             }
             for arm in found.arms
         },
         "howfar": figures.howfar(found.howfar),
         "baselines": _baselines(found.arms, seed=seed),
+        "baselines_by_arm": {
+            arm.bench.arm.value: _baselines([arm], seed=seed) for arm in found.arms
+        },
     }
 
 

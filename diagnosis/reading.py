@@ -56,8 +56,8 @@ class Reading:
 def read(scene: CapturedScene, sensor: Sensor) -> Reading:
     """Read the repeats of a captured scene, and match its infrared pairs.
 
-    Of infrared and depth as many repeats are taken as there are of both, as what repeats tell
-    depends on their number.
+    Repeats are taken that have both infrared and depth, if any has: what they tell depends on their
+    number, and depth is compared with what its own pair gives.
 
     Args:
         scene: of a capture set.
@@ -70,44 +70,50 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
     if frames[0].record.get("counts", "repeats") != "repeats":
         frames = frames[:1]  # Steps of time, whose noise and scene are each their own.
     dark = sensor.projector.power_w == 0
-    pairs, depths = _pairs(frames, dark=dark)
-    count = min((len(many) for many in (pairs, depths) if many), default=0)
-    if not count:
+    frames, pairs, depths = _told(frames, dark=dark)
+    if not frames:
         raise refuse(
             f"scene {scene.name}",
             "must hold infrared pairs or depth",
             "neither",
             "Leave it out, or capture one of them.",
         )
-    left = np.stack([one for one, _ in pairs[:count]]) if pairs else None
-    right = np.stack([other for _, other in pairs[:count]]) if pairs else None
+    left = np.stack([one for one, _ in pairs]) if pairs else None
+    right = np.stack([other for _, other in pairs]) if pairs else None
     return Reading(
         left=left,
         right=right,
         ours_px=None if left is None or right is None else matched(left[:1], right[:1], sensor),
-        device_px=(
-            np.stack([scene.info.disparity_px(one) for one in depths[:count]]) if depths else None
-        ),
+        device_px=np.stack([scene.info.disparity_px(one) for one in depths]) if depths else None,
         moved=left is not None and _moved(left),
         exposure=recorded(frames[0].record),
     )
 
 
-def _pairs(
+def _told(
     frames: Sequence[Frame], *, dark: bool
-) -> tuple[list[tuple[GreyImage, GreyImage]], list[Maps]]:
-    """Infrared pairs and depths of frames; those without projector where there are such and the
-    sensor has its off, of which no depth tells.
+) -> tuple[list[Frame], list[tuple[GreyImage, GreyImage]], list[Maps]]:
+    """Frames that tell, with their infrared pairs and depths; the pairs without projector where
+    there are such and the sensor has its off, of which no depth tells.
     """
-    off = [(frame.ir_left_off, frame.ir_right_off) for frame in frames] if dark else []
-    pairs = [(one, other) for one, other in off if one is not None and other is not None]
-    if pairs:
-        return pairs, []
-    both = [(frame.ir_left, frame.ir_right) for frame in frames]
+    if dark:
+        off = [(frame, _pair(frame.ir_left_off, frame.ir_right_off)) for frame in frames]
+        known = [(frame, pair) for frame, pair in off if pair is not None]
+        if known:
+            return [frame for frame, _ in known], [pair for _, pair in known], []
+    each = [(frame, _pair(frame.ir_left, frame.ir_right), frame.depth_m) for frame in frames]
+    both = [one for one in each if one[1] is not None and one[2] is not None]
+    paired = [one for one in each if one[1] is not None]
+    told = both or paired or [one for one in each if one[2] is not None]
     return (
-        [(one, other) for one, other in both if one is not None and other is not None],
-        [frame.depth_m for frame in frames if frame.depth_m is not None],
+        [frame for frame, _, _ in told],
+        [pair for _, pair, _ in told if pair is not None],
+        [depth for _, _, depth in told if depth is not None],
     )
+
+
+def _pair(left: GreyImage | None, right: GreyImage | None) -> tuple[GreyImage, GreyImage] | None:
+    return None if left is None or right is None else (left, right)
 
 
 def _moved(repeats: Images) -> bool:

@@ -96,10 +96,12 @@ def _effect(arm: Found, one: Accepted) -> dict[str, Any]:
 
 
 def _arm(arm: Found) -> dict[str, Any]:
+    before, after = arm.sizes
     gap = dict(zip(arm.bench.names, arm.likelihood.gap.T.tolist(), strict=True))
     return {
-        "before": arm.search.before,
-        "after": arm.search.after,
+        "before": before,
+        "after": after,
+        "beyond": arm.beyond,
         "noise": arm.screen.noise,
         "threshold": arm.search.threshold,
         "explained_below": arm.explained_below,

@@ -16,6 +16,7 @@ from diagnosis.report.words import words
 from diagnosis.which import null
 from diagnosis.which.arm import BEYOND_NOISE, OF_BEFORE, UNEXPLAINED
 from diagnosis.which.candidates import Arm
+from diagnosis.which.likelihood import TAU
 
 _VERDICTS = {
     "effects": "Consistent with known effects",
@@ -80,13 +81,14 @@ def _made(of: Diagnosis) -> str:
             str(len(arm.bench.names)),
             number(float(arm.screen.weight.sum()), ".1f"),
             number(arm.search.threshold, ".1f"),
-            number(arm.search.before, ".3g"),
-            number(arm.search.after, ".3g"),
+            *(number(size, ".3g") for size in arm.sizes),
+            number(arm.beyond, ".3g"),
             number(arm.explained_below, ".3g"),
         ]
         for arm in of.arms
     ]
-    head = ["Half", "Features", "Votes", "Threshold", "Gap before", "Gap after", "Explained below"]
+    head = ["Half", "Features", "Votes", "Threshold", "Gap before", "Gap after"]
+    head += ["Unexplained", "Explained below"]
     return (
         prose(
             "Every scene is simulated with the sensor at hand and told by features: numbers of "
@@ -95,11 +97,12 @@ def _made(of: Diagnosis) -> str:
             "and judged by its gain in log likelihood on the others."
         )
         + prose(
-            f"An effect is accepted if it gains at least the threshold: what the best of all "
-            f"effects gains by chance, of {null.SEEDS} simulated readings of the base the 95 % "
-            f"quantile, and no less than {number(null.LEAST_GAIN, '.0f')}. Another effect is not "
+            f"An effect is accepted if it gains at least the threshold: the most that the best of "
+            f"all effects gains by chance in {null.SEEDS} simulated readings of the base, and no "
+            f"less than {number(null.LEAST_GAIN, '.0f')}. Another effect is not "
             "separable from it if it gains less by no more than the threshold or a tenth, or not "
-            "surely less when rooms are drawn anew. A gap counts as explained if its size after is "
+            "surely less when rooms are drawn anew. A gap counts as explained if what is left, "
+            f"less what may be wrong by {number(100 * TAU, '.0f')} % of what effects make, is "
             "below that of noise alone and "
             f"{number(BEYOND_NOISE, '.2f')}, at most {number(UNEXPLAINED, '.2f')}, plus "
             f"{number(100 * OF_BEFORE[Arm.IMAGE], '.0f')} % of its size before "

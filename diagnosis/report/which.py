@@ -27,17 +27,17 @@ def section(of: Diagnosis) -> str:
 
 def _arm(arm: Found) -> str:
     stage = sentences.STAGES[arm.bench.arm.value]
-    found = arm.search
+    before, after = (number(size, ".3g") for size in arm.sizes)
     said = (
-        f"Size of the gap before {number(found.before, '.3g')}, with the accepted effects "
-        f"{number(found.after, '.3g')}. Chance alone makes up to "
-        f"{number(arm.screen.noise, '.3g')}; what is left counts as explained up to "
-        f"{number(arm.explained_below, '.3g')}."
+        f"Size of the gap, the mean squared deviation of its features: before {before}, with the "
+        f"accepted effects {after}. Chance alone makes up to {number(arm.screen.noise, '.3g')}. "
+        f"Beyond what the accepted effects may be simulated wrong by {number(arm.beyond, '.3g')} "
+        f"is left; up to {number(arm.explained_below, '.3g')} counts as explained."
     )
     return (
         f"<h3>In {escape(stage)}</h3>"
         + prose(said)
-        + _accepted(found.accepted)
+        + _accepted(arm.search.accepted)
         + _lead(arm)
         + _groups(arm)
         + f"<h4>Held-out gain of single effects, each alone</h4>{_alone(arm)}"

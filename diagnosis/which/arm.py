@@ -13,7 +13,7 @@ from diagnosis.which import left, null, search
 from diagnosis.which.bench import Bench, Table
 from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit, folds
-from diagnosis.which.likelihood import Likelihood, weights
+from diagnosis.which.likelihood import Likelihood, by_scene, total, weights
 from diagnosis.which.null import Base
 from diagnosis.which.search import Search
 from diagnosis.which.signature import Signature, signature
@@ -61,10 +61,21 @@ class Found:
         return self.search.settings
 
     @property
+    def sizes(self) -> tuple[float, float]:
+        """Size of the gap, before and after."""
+        before, after = (total(table, self.likelihood.weight) for table in self._tables())
+        return before, after
+
+    @property
+    def beyond(self) -> float:
+        """Size of what is left beyond what the accepted effects may be wrong by."""
+        return total(self.search.beyond, self.likelihood.weight)
+
+    @property
     def by_scene(self) -> dict[str, tuple[float, float]]:
         """Size of the gap in each scene, before and after."""
         names = [one.name for one in self.bench.subjects]
-        sizes = [left.by_scene(table, self.likelihood.weight) for table in self._tables()]
+        sizes = [by_scene(table, self.likelihood.weight) for table in self._tables()]
         return {
             name: (float(before), float(after))
             for name, before, after in zip(names, *sizes, strict=True)
@@ -91,7 +102,7 @@ class Found:
     @property
     def unexplained(self) -> bool:
         """Whether more is left than what is named leaves where it is true."""
-        return self.search.after > self.explained_below
+        return self.beyond > self.explained_below
 
 
 def screen(
@@ -171,7 +182,7 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
         explained_below=explained,
     )
     found = search.search(trial, closer if before > screen.noise else [], alone)
-    alike, each = left.leads(bench.names, found.left)
+    alike, each = left.leads(bench.names, found.beyond)
     return Found(
         bench=bench,
         screen=screen,

@@ -159,9 +159,12 @@ class Bench:
         return np.stack(known) if len(known) == len(rows) else None
 
     def change(self, settings: Mapping[str, Value]) -> Table | None:
-        """What effects change, noise being equal; of what is drawn by lot, the mean of some."""
+        """What effects change, noise being equal; of what is drawn by lot, the mean of some.
+
+        Of a feature that they make unknown they change nothing: what is not known is not explained.
+        """
         drawn = self._drawn(settings)
-        return None if drawn is None else mean_known(drawn, axis=0)
+        return None if drawn is None else np.nan_to_num(mean_known(drawn, axis=0))
 
     def scatter(self, settings: Mapping[str, Value]) -> Row | None:
         """Deviation (features,) of what one more draw changes from `change`, all scenes alike; None

@@ -1,4 +1,4 @@
-"""Where a gap is: by scene and by group of features, and what of it stays unexplained."""
+"""Where a gap is: by group of features, alike in all scenes, and what of it stays unexplained."""
 
 from __future__ import annotations
 
@@ -8,23 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.ground import COVARIATES
-from diagnosis.which.likelihood import LARGEST
+from diagnosis.which.likelihood import squares
 from sim.statistics import mean_known
 
 _NAMED = 3  # Groups of features that a lead names.
 _LEAD = 3.0  # Mean deviations of a group from which it is a lead.
 _OFF = 1.0  # Deviations from which a feature is off.
-
-
-def by_scene(left: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Size (scenes,) that a gap has in each scene (see `Likelihood.size`).
-
-    Args:
-        left: (scenes, features) what there is or what effects leave of it, over its deviation; NaN
-            where not known.
-        weight: (features,) votes.
-    """
-    return _squares(left) @ weight / np.maximum(np.isfinite(left) @ weight, 1e-9)
 
 
 def by_group(
@@ -34,11 +23,12 @@ def by_group(
 
     Args:
         features: their names.
-        left: as `by_scene`.
-        weight: likewise.
+        left: (scenes, features) what there is or what effects leave of it, over its deviation; NaN
+            where not known.
+        weight: (features,) votes.
     """
     votes = max(float((np.isfinite(left) @ weight).sum()), 1e-9)
-    parts = _squares(left).sum(axis=0) * weight / votes
+    parts = squares(left).sum(axis=0) * weight / votes
     total: dict[str, float] = {}
     for name, part in zip(features, parts, strict=True):
         total[group(name)] = total.get(group(name), 0.0) + float(part)
@@ -53,7 +43,7 @@ def alike(
 
     Args:
         features: their names.
-        left: as `by_scene`.
+        left: as `by_group`.
         weight: likewise.
     """
     off = np.where(np.isfinite(left), np.abs(left), 0.0).min(axis=0) > _OFF
@@ -61,10 +51,6 @@ def alike(
     far = np.abs(np.nan_to_num(left).mean(axis=0)) * np.sqrt(weight)
     order = [int(number) for number in np.argsort(-far) if same[number]]
     return {features[number]: left[:, number].tolist() for number in order}
-
-
-def _squares(left: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.minimum(np.nan_to_num(left) ** 2, LARGEST)
 
 
 def leads(
@@ -76,7 +62,7 @@ def leads(
 
     Args:
         features: their names.
-        left: (scenes, features) what is left, over its deviation; NaN where not known.
+        left: (scenes, features) what is left (`Likelihood.beyond`); NaN where not known.
 
     Returns:
         Groups of features whose mean over scenes is far off, the worst first, and others of which

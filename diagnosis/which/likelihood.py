@@ -31,24 +31,29 @@ class Likelihood:
         """What no effect makes: zeros."""
         return Made(np.zeros_like(self.gap))
 
+    def left(self, made: Made) -> Table:
+        """What effects leave of the gap, over its deviation (scenes, features)."""
+        return (self.gap - made.change) / self.deviation
+
     def size(self, made: Made) -> float:
-        """Weighted mean square of what effects leave of the gap, over its deviation.
+        """Weighted mean square of `left`.
 
         The deviation holds what the simulator gets wrong too: chance alone makes less than 1.
 
         Args:
             made: what effects make.
         """
-        square, known = self._square(made)
-        return float(self._sum(square, known).sum() / max((known @ self.weight).sum(), 1e-9))
+        return total(self.left(made), self.weight)
 
     def sizes(self, made: Made) -> NDArray[np.float64]:
         """The same for each scene (scenes,)."""
-        square, known = self._square(made)
-        return self._sum(square, known) / np.maximum(known @ self.weight, 1e-9)
+        return by_scene(self.left(made), self.weight)
 
-    def left(self, made: Made) -> Table:
-        """What effects leave of the gap, over its deviation (scenes, features)."""
+    def beyond(self, made: Made) -> Table:
+        """What effects leave, over a deviation that holds what they themselves are wrong by.
+
+        No measure of how far a gap closes: the more effects make, the more they may be wrong by.
+        """
         return (self.gap - made.change) / np.sqrt(self._variance(made))
 
     def cost(self, made: Made) -> NDArray[np.float64]:
@@ -60,28 +65,34 @@ class Likelihood:
         Returns:
             (..., scenes), up to a constant.
         """
-        square, known = self._square(made)
         wide = 0.5 * np.log(self._variance(made) / self.deviation**2)
-        off = 0.5 * (FREEDOM + 1) * np.log1p(square / FREEDOM)
-        # A feature that effects make unknown tells as much as one they leave alone.
-        return np.where(known, off + wide, self._alone()) @ self.weight
-
-    def _sum(self, square: Table, known: NDArray[np.bool_]) -> NDArray[np.float64]:
-        return np.where(known, np.minimum(square, LARGEST), 0.0) @ self.weight
-
-    def _square(self, made: Made) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        known = np.isfinite(self.gap) & np.isfinite(made.change)
-        left = np.where(known, self.gap - made.change, 0.0)
-        return left**2 / self._variance(made), known
+        off = 0.5 * (FREEDOM + 1) * np.log1p(self.beyond(made) ** 2 / FREEDOM)
+        return np.where(np.isfinite(self.gap), off + wide, 0.0) @ self.weight
 
     def _variance(self, made: Made) -> NDArray[np.float64]:
-        change = np.nan_to_num(made.change)
-        return self.deviation**2 + (TAU * change) ** 2 + made.scatter
+        return self.deviation**2 + (TAU * made.change) ** 2 + made.scatter
 
-    def _alone(self) -> Table:
-        gap = np.nan_to_num(self.gap)
-        alone = 0.5 * (FREEDOM + 1) * np.log1p(gap**2 / (FREEDOM * self.deviation**2))
-        return np.where(np.isfinite(self.gap), alone, 0.0)
+
+def by_scene(left: Table, weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Size (scenes,) of a gap in each scene.
+
+    Args:
+        left: (scenes, features) what there is or what effects leave of it, over its deviation; NaN
+            where not known.
+        weight: (features,) votes.
+    """
+    return squares(left) @ weight / np.maximum(np.isfinite(left) @ weight, 1e-9)
+
+
+def total(left: Table, weight: NDArray[np.float64]) -> float:
+    """Size of a gap in all scenes (arguments as `by_scene`)."""
+    votes = max(float((np.isfinite(left) @ weight).sum()), 1e-9)
+    return float((squares(left) @ weight).sum() / votes)
+
+
+def squares(left: Table) -> Table:
+    """As they count for a size: 0 where not known, none beyond `LARGEST`."""
+    return np.minimum(np.nan_to_num(left) ** 2, LARGEST)
 
 
 def directions(
@@ -97,7 +108,7 @@ def directions(
         By change that can be seen, whose it is, and its direction (changes, scenes, features).
     """
     owners = [one for one in signatures for _ in one.values]
-    moves = np.nan_to_num(np.concatenate([one.change for one in signatures]) / deviation)
+    moves = np.concatenate([one.change for one in signatures]) / deviation
     size = np.sqrt((moves**2).sum(axis=(1, 2)))
     seen = np.flatnonzero(size > _SEEN)
     return [owners[number] for number in seen], moves[seen] / size[seen, None, None]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 class Made:
     """A change, and how far another device or another exposure would have another."""
 
-    change: NDArray[np.float64]  # (..., scenes, features); NaN where a feature is then not known.
+    change: NDArray[np.float64]  # (..., scenes, features)
     scatter: NDArray[np.float64] | float = 0.0  # Variance, (..., 1, features).
 
     def __add__(self, other: Made) -> Made:

@@ -124,11 +124,9 @@ def gains(
     return np.array(found)
 
 
-def threshold(null_gains: NDArray[np.float64], *, alpha: float = 0.05) -> float:
-    """Gain that chance reaches with probability alpha, at least `LEAST_GAIN`."""
-    if null_gains.size == 0:
-        return LEAST_GAIN
-    return max(LEAST_GAIN, float(np.quantile(null_gains, 1 - alpha)))
+def threshold(null_gains: NDArray[np.float64]) -> float:
+    """The most that chance gained, at least `LEAST_GAIN`."""
+    return max([LEAST_GAIN, *null_gains.tolist()])
 
 
 def size(of: Base, weight: NDArray[np.float64]) -> float:

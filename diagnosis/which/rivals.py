@@ -21,15 +21,9 @@ def largest_drop(arms: Sequence[Arm]) -> str | None:
     """The effect that takes most off any one feature, on the scenes that it is fitted to."""
     drops = {}
     for signatures, likelihood in arms:
-        before = _mean_size(likelihood.gap / likelihood.deviation)
+        before = _mean_size(likelihood.left(likelihood.nothing))
         for one in signatures:
-            after = [
-                # What an effect makes unknown it does not explain.
-                _mean_size(
-                    (likelihood.gap - np.nan_to_num(one.at(place).change)) / likelihood.deviation
-                )
-                for place in places(one, _STEPS)
-            ]
+            after = [_mean_size(likelihood.left(one.at(place))) for place in places(one, _STEPS)]
             drops[one.name] = float(np.max(before - np.stack(after)))
     return max(drops, key=lambda name: drops[name], default=None)
 
@@ -38,9 +32,9 @@ def nearest(arms: Sequence[Arm]) -> str | None:
     """The effect whose change points most as the gap does, each feature over its deviation."""
     likeness = {}
     for signatures, likelihood in arms:
-        gap = np.nan_to_num(likelihood.gap / likelihood.deviation)
+        gap = np.nan_to_num(likelihood.left(likelihood.nothing))
         for one in signatures:
-            made = np.nan_to_num(one.change / likelihood.deviation)
+            made = one.change / likelihood.deviation
             length = np.sqrt((made**2).sum(axis=(1, 2)))
             along = (made * gap).sum(axis=(1, 2))[length > 0] / length[length > 0]
             likeness[one.name] = float(np.max(along, initial=-np.inf))

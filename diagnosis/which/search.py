@@ -45,9 +45,8 @@ class Search:
     accepted: tuple[Accepted, ...]
     threshold: float
     alone: tuple[Fit, ...]  # All candidates fitted alone, best first.
-    before: float  # Size of the gap (`Likelihood.size`).
-    after: float
-    left: Table = field(repr=False)  # (scenes, features) what is not explained, over deviation.
+    left: Table = field(repr=False)  # (scenes, features) what of the gap is left.
+    beyond: Table = field(repr=False)  # What is left beyond what the accepted may be wrong by.
 
     @property
     def settings(self) -> dict[str, Value]:
@@ -75,16 +74,15 @@ def search(trial: Trial, closer: Sequence[Fit], alone: Sequence[Fit]) -> Search:
         whole = _completed(model, trial, alone)
         if whole is not model:
             model = _thinned(whole, trial)
-    model = _borne_out(model, trial)
+    model = _sensors_first(_borne_out(model, trial), trial, signatures)
     return Search(
         accepted=tuple(
             _accepted(number, model, trial, signatures) for number in range(len(model.terms))
         ),
         threshold=trial.threshold,
         alone=tuple(alone),
-        before=likelihood.size(likelihood.nothing),
-        after=likelihood.size(model.made()),
         left=likelihood.left(model.made()),
+        beyond=likelihood.beyond(model.made()),
     )
 
 
@@ -233,39 +231,51 @@ def _without(number: int, model: Model, trial: Trial) -> Model | None:
     return simulated(trial, model.only(kept, trial.likelihood.nothing))
 
 
-def _accepted(number: int, model: Model, trial: Trial, signatures: Sequence[Signature]) -> Accepted:
-    """What is told of one of the accepted; of stand-ins no rival is simulated closer."""
-    given = model.made(without=number)
-    rest = model.others(signatures)
-    own = trial.fit(model.terms[number], given=given)
-    if trial.explained(model.made()):
-        others = sharper(rest, trial, given, gained=own.total)
-    else:
-        others = [trial.fit(one, given=given) for one in rest]
-    first = _sensors_first(own, others)
-    others = [one for one in (own, *others) if one is not first]
-    return Accepted(
-        fit=first,
-        interval=first.interval(trial.rooms, level=_LEVEL, seed=0),
-        rivals=_rivals(first, others, trial),
-    )
-
-
-def _sensors_first(own: Fit, others: Sequence[Fit]) -> Fit:
-    """An effect, or where it is one of the scene that of the sensor that is as likely.
+def _sensors_first(model: Model, trial: Trial, signatures: Sequence[Signature]) -> Model:
+    """Put effects of the sensor in the places of those of the scene that they are as likely as.
 
     That every surface is painted otherwise than its file tells is less plausible than that the
     sensor exposes otherwise.
     """
-    if own.signature.candidate.effect.stage is not Stage.SCENE:
-        return own
-    as_good = [
-        one
-        for one in others
-        if one.signature.candidate.effect.stage is not Stage.SCENE
-        and one.total > own.total - _AS_LIKELY
-    ]
-    return max(as_good, key=lambda one: one.total, default=own)
+    for number, term in enumerate(model.terms):
+        if term.candidate.effect.stage is not Stage.SCENE:
+            continue
+        own, others = _in_place(number, model, trial, signatures)
+        least = max(trial.threshold, own.total - _AS_LIKELY)
+        likely = [one for one in others if one.total > least and not _of_scene(one)]
+        for best in sorted(likely, key=lambda one: -one.total)[:1]:
+            found = simulated(trial, model.exchanged(number, best))
+            if found is not None and found.gain(model, trial.likelihood) > -_AS_LIKELY:
+                model = found
+    return model
+
+
+def _of_scene(one: Fit) -> bool:
+    return one.signature.candidate.effect.stage is Stage.SCENE
+
+
+def _in_place(
+    number: int, model: Model, trial: Trial, signatures: Sequence[Signature]
+) -> tuple[Fit, list[Fit]]:
+    """One of the effects, and others in its place, given the rest; beside stand-ins no other is
+    simulated closer.
+    """
+    given = model.made(without=number)
+    rest = model.others(signatures)
+    own = trial.fit(model.terms[number], given=given)
+    if trial.explained(model.made()):
+        return own, sharper(rest, trial, given, gained=own.total)
+    return own, [trial.fit(one, given=given) for one in rest]
+
+
+def _accepted(number: int, model: Model, trial: Trial, signatures: Sequence[Signature]) -> Accepted:
+    """What is told of one of the accepted."""
+    own, others = _in_place(number, model, trial, signatures)
+    return Accepted(
+        fit=own,
+        interval=own.interval(trial.rooms, level=_LEVEL, seed=0),
+        rivals=_rivals(own, others, trial),
+    )
 
 
 def _rivals(own: Fit, others: Sequence[Fit], trial: Trial) -> tuple[Fit, ...]:

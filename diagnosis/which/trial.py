@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from diagnosis.which.bench import Bench
 from diagnosis.which.fit import Fit, Folds, fit
-from diagnosis.which.likelihood import Likelihood
+from diagnosis.which.likelihood import Likelihood, total
 from diagnosis.which.made import Made
 from diagnosis.which.signature import Signature
 
@@ -41,4 +41,5 @@ class Trial:
         Args:
             made: what effects make.
         """
-        return self.likelihood.size(made) <= self.explained_below
+        beyond = total(self.likelihood.beyond(made), self.likelihood.weight)
+        return beyond <= self.explained_below

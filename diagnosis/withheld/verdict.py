@@ -53,7 +53,8 @@ class Verdict:
     effects: tuple[Named, ...]  # The largest gain first.
     unexplained: Mapping[Arm, bool]  # Whether an arm has more left than it can explain.
     closed_pct: Mapping[str, float | None]  # By metric; None where nothing can be closed.
-    baselines: Mapping[str, str | None]  # What simpler ways would have named.
+    baselines: Mapping[str, str | None]  # What simpler ways would have named,
+    baselines_by_arm: Mapping[Arm, Mapping[str, str | None]]  # and of one arm alone.
     seconds: float
 
     @property
@@ -88,7 +89,8 @@ class Verdict:
         kind: Kind = "effects" if effects else "no gap"
         if self.unexplained[arm]:
             kind = "none of the known"
-        return dataclasses.replace(self, kind=kind, effects=effects)
+        simpler = self.baselines_by_arm[arm]
+        return dataclasses.replace(self, kind=kind, effects=effects, baselines=simpler)
 
 
 def row_of(name: str) -> str:
@@ -127,19 +129,27 @@ def from_table(table: Any, *, name: str = "verdict") -> Verdict:
     seconds = top.at("seconds").number()
     if seconds < 0:
         raise refusal(f"{name}.seconds", "must be >= 0", seconds, _ADVICE)
-    howfar, baselines, left = top.at("howfar"), top.at("baselines"), top.at("left")
+    howfar, left = top.at("howfar"), top.at("left")
+    by_arm = top.at("baselines_by_arm")
     return Verdict(
         kind=kind,
         effects=tuple(effects),
         unexplained={_Part("arm", arm).one_of(_ARMS): _more(left.at(arm)) for arm in left.table()},
         closed_pct={key: howfar.at(key).at("closed_pct").share() for key in howfar.table()},
-        baselines={key: baselines.at(key).text_or_none() for key in baselines.table()},
+        baselines=_simpler(top.at("baselines")),
+        baselines_by_arm={
+            _Part("arm", arm).one_of(_ARMS): _simpler(by_arm.at(arm)) for arm in left.table()
+        },
         seconds=seconds,
     )
 
 
+def _simpler(part: _Part) -> dict[str, str | None]:
+    return {key: part.at(key).text_or_none() for key in part.table()}
+
+
 def _more(part: _Part) -> bool:
-    return part.at("after").number() > part.at("below").number()
+    return part.at("beyond").number() > part.at("below").number()
 
 
 def _named(part: _Part) -> Named:

@@ -9,12 +9,10 @@ from diagnosis.which.signature import Signature
 from tests.unit.diagnosis.test_fit import FEATURES, MADE, SCENES, VALUES, candidate, likelihood_of
 
 
-def test_the_largest_drop_is_no_feature_s_end():
-    """What an effect makes unknown it does not explain."""
+def test_the_largest_drop_is_of_what_explains_most_of_one_feature():
     likelihood = likelihood_of({"veil": 0.5}, 7)
-    ends = np.where(np.arange(4)[:, None, None] > 0, np.nan, 0.0) * np.ones((SCENES, FEATURES))
-    destroying = Signature(candidate("lens_blur"), VALUES, ends)
-    arms = [([destroying, MADE["veil"]], likelihood)]
+    nothing = Signature(candidate("lens_blur"), VALUES, np.zeros((4, SCENES, FEATURES)))
+    arms = [([nothing, MADE["veil"]], likelihood)]
     assert rivals.largest_drop(arms) == "veil"
-    assert rivals.largest_drop([([destroying], likelihood)]) == "lens_blur"
+    assert rivals.largest_drop([([nothing], likelihood)]) == "lens_blur"
     assert rivals.largest_drop([]) is None

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from diagnosis.which import null, search, strengths
 from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit, folds
-from diagnosis.which.likelihood import Likelihood, weights
+from diagnosis.which.likelihood import Likelihood, total, weights
 from diagnosis.which.made import Made
 from diagnosis.which.model import Model, simulated
 from diagnosis.which.null import Base
@@ -190,7 +190,7 @@ def test_another_number_of_an_accepted_effect_is_found_where_more_is_left():
     found = search.search(trial(bench, likelihood), closer, alone)
     assert list(found.settings) == ["second_projector", "second_projector.x"]
     assert found.settings["second_projector.x"] == pytest.approx(0.4, abs=0.06)
-    assert found.after < 0.2 * found.before
+    assert total(found.left, ONES) < 0.2 * likelihood.size(likelihood.nothing)
     enough = search.search(trial(bench, likelihood, explained_below=1e6), closer, alone)
     assert list(enough.settings) == ["second_projector"]
 
@@ -208,7 +208,7 @@ def test_rivals_of_stand_ins_are_not_simulated_closer(below, rounds, monkeypatch
     likelihood = likelihood_of({"veil": 0.5}, 7)
     alone = [fit(one, likelihood, HELD) for one in SIGNATURES]
     found = search.search(trial(FakeBench(), likelihood, explained_below=below), alone, alone)
-    assert list(found.settings) == ["veil"] and 0 < found.after < 1.5
+    assert list(found.settings) == ["veil"] and 0 < total(found.beyond, ONES) < 1.5
     assert len(beside) == rounds
 
 
@@ -276,8 +276,7 @@ def test_one_effect_is_named_and_one_alone():
     found = searched({"crosstalk": 0.4})
     assert list(found.settings) == ["crosstalk"]
     assert found.accepted[0].rivals == ()
-    assert found.before > 10 and found.after < 1.5
-    assert np.sqrt(np.mean(found.left**2)) < 1.3
+    assert total(found.left, ONES) < 1.7 and total(found.beyond, ONES) < 1.5
 
 
 def test_both_of_two_effects_are_named_at_their_strengths():
@@ -290,7 +289,8 @@ def test_both_of_two_effects_are_named_at_their_strengths():
 def test_what_two_effects_make_only_together_is_simulated():
     bench = FakeBench(together=0.5)
     found = searched({"crosstalk": 0.4, "lens_blur": 0.6}, bench=bench)
-    assert set(found.settings) == {"crosstalk", "lens_blur"} and found.after < 2
+    assert set(found.settings) == {"crosstalk", "lens_blur"}
+    assert total(found.beyond, ONES) < 2
 
 
 def test_effects_that_exclude_each_other_are_not_named_together():
@@ -310,7 +310,8 @@ def test_three_effects_are_named_one_after_the_other():
 
 def test_of_no_gap_nothing_is_named():
     found = searched({})
-    assert found.accepted == () and found.before < 1.4 and found.settings == {}
+    assert found.accepted == () and found.settings == {}
+    assert (found.left == found.beyond).all() and total(found.left, ONES) < 1.4
 
 
 def searched(
@@ -377,8 +378,16 @@ def test_a_feature_that_is_not_known_tells_nothing(gap, missing):
     other = Likelihood(values[:, kept], deviation[:, kept], ones[kept])
     change = np.array([[0.5, -1.0, 2.0]])
     np.testing.assert_allclose(likelihood.cost(Made(change)), other.cost(Made(change[:, kept])))
-    # What an effect makes unknown counts as if it had done nothing.
-    change[0, kept[0]] = np.nan
-    same = change.copy()
-    same[0, kept[0]] = 0
-    np.testing.assert_allclose(likelihood.cost(Made(change)), likelihood.cost(Made(same)))
+    assert likelihood.size(Made(change)) == pytest.approx(other.size(Made(change[:, kept])))
+
+
+def test_an_effect_that_overshoots_closes_no_more_than_it_does():
+    """What effects may be simulated wrong by is no measure of what they close."""
+    gap = np.full((2, 4), 8.0)
+    likelihood = Likelihood(gap, np.ones_like(gap), np.ones(4))
+    for share, left in ((0.0, 64.0), (0.5, 16.0), (1.0, 0.0), (1.5, 16.0), (2.0, 64.0)):
+        made = Made(share * gap)
+        assert likelihood.size(made) == pytest.approx(left)
+        assert likelihood.sizes(made) == pytest.approx([left, left])
+        beyond = total(likelihood.beyond(made), likelihood.weight)
+        assert beyond == pytest.approx(left / (1 + (0.2 * 8 * share) ** 2))

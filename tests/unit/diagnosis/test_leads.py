@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from diagnosis.report import sentences
-from diagnosis.which.left import alike, by_group, by_scene, leads
-from diagnosis.which.likelihood import Likelihood
+from diagnosis.which.left import alike, by_group, leads
+from diagnosis.which.likelihood import Likelihood, by_scene
 from tests.unit.diagnosis.test_report import NAMED, found
 
 NAMES = ("level.x.left", "level.x.right", "dots.x.left", "dots.x.right", "holes", "time")

@@ -88,7 +88,7 @@ def found(searched: search.Search, *, arm: Arm = Arm.IMAGE, leads: Leads = ((), 
         ),
         likelihood=made.likelihood_of({}, 9),
         search=searched,
-        explained_below=UNEXPLAINED + OF_BEFORE[arm] * searched.before,
+        explained_below=UNEXPLAINED + OF_BEFORE[arm] * 10,
         lead=leads[0],
         varying=leads[1],
     )
@@ -270,9 +270,7 @@ def test_how_far_has_its_numbers():
 
 
 def test_no_gap_is_a_verdict():
-    one = diagnosis(
-        kind="no gap", arms=(found(dataclasses.replace(NOTHING, after=0.5)),), howfar=None
-    )
+    one = diagnosis(kind="no gap", arms=(found(NOTHING),), howfar=None)
     text = Reader(page(one)).text
     assert "No gap found" in text and "No effect is accepted here." in text
     assert "None gains anything." in text
@@ -283,7 +281,7 @@ def test_no_gap_is_a_verdict():
 
 
 def test_none_of_the_known_is_a_verdict_and_leads():
-    left = dataclasses.replace(NAMED, after=8.5)
+    left = dataclasses.replace(NAMED, beyond=np.full_like(NAMED.beyond, 3.0))
     leading = found(left, arm=Arm.DEPTH, leads=(("pair by x", "level"), ()))
     text = Reader(page(diagnosis(kind="none of the known", arms=(leading,)))).text
     assert "Not explained by the known effects" in text

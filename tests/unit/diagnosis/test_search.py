@@ -48,6 +48,21 @@ def test_of_equals_the_sensor_s_own_comes_before_the_scene_s(share, first):
     assert names == set(made)
 
 
+def test_one_effect_of_the_sensor_takes_the_place_of_one_of_the_scene_alone():
+    """Two paints that one exposure imitates by halves are not that exposure twice."""
+    odd = np.arange(FEATURES) % 2 == 1
+    whole = MADE["lens_blur"].change
+    made = {
+        "nir_reflectance": Signature(candidate("nir_reflectance"), VALUES, np.where(odd, whole, 0)),
+        "ambient": Signature(candidate("ambient"), VALUES, np.where(odd, 0, whole)),
+        "exposure": Signature(candidate("exposure"), VALUES, 0.5 * whole),
+    }
+    gap = {"nir_reflectance": 0.2, "ambient": 1.0}
+    found = searched(gap, bench=FakeBench(made), names=tuple(made))
+    assert len(found.settings) == len(found.accepted)
+    assert set(found.settings) == set(gap)
+
+
 class Cancelling(FakeBench):
     """Two effects that undo each other."""
 

@@ -13,6 +13,7 @@ from diagnosis.which import strengths
 from diagnosis.which.bench import Bench, Columns
 from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit
+from diagnosis.which.likelihood import total
 from diagnosis.which.made import Made, stacked
 from diagnosis.which.null import LEAST_GAIN
 from diagnosis.which.signature import Signature
@@ -74,7 +75,8 @@ def test_a_draw_that_another_device_has_is_explained():
     moving = Signature(candidate("flicker"), values, still, scatter)
     found = fit(moving, likelihood, HELD)
     assert found.total > 100 and found.value == pytest.approx(1, abs=0.4)
-    assert likelihood.size(moving.at(1.0)) < 1.5 < likelihood.size(likelihood.nothing)
+    left = likelihood.beyond(moving.at(1.0))
+    assert total(left, ONES) < 1.5 < likelihood.size(likelihood.nothing)
     assert fit(Signature(candidate("flicker"), values, still), likelihood, HELD).total == 0
 
 
@@ -207,3 +209,12 @@ def test_both_sides_of_where_an_effect_fits_are_looked_at(value):
 def test_what_fits_at_a_node_with_near_neighbours_is_not_simulated_again():
     sharp, found, gained = sharpened(Bent(), 0.5, (0.45, 0.5, 0.55))
     assert found == pytest.approx(0.5, rel=0.02) and len(sharp.values) == 4 and gained == 0
+
+
+def test_of_a_feature_that_is_lost_nothing_is_changed():
+    """What an effect makes unknown it does not explain."""
+    columns = Columns(arm=Arm.IMAGE, names=("a", "b"), ceiling=255)
+    rows = {(0, "[]", 0): np.array([1.0, 2.0]), (0, "[('veil', 0.5)]", 0): np.array([np.nan, 5.0])}
+    bench = Bench(FakeBench.subjects[:1], columns, _kept={**rows})
+    change = bench.change({"veil": 0.5})
+    assert change is not None and change.tolist() == [[0.0, 3.0]]

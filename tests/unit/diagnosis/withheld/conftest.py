@@ -178,11 +178,12 @@ def say() -> Say:
             "verdict": kind,
             "effects": list(effects),
             "left": {
-                "image": {"after": 2.0 if kind == "none of the known" else 0.5, "below": 1.0},
-                "depth": {"after": 0.1, "below": 1.0},
+                "image": {"beyond": 2.0 if kind == "none of the known" else 0.5, "below": 1.0},
+                "depth": {"beyond": 0.1, "below": 1.0},
             },
             "howfar": {metric: {**figures, "interval": [80.0, 95.0]}},
             "baselines": baselines,
+            "baselines_by_arm": {"image": baselines, "depth": {}},
             "seconds": 2.0,
         }
 

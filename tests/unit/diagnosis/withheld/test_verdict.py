@@ -60,12 +60,14 @@ def test_nothing_is_closed_by_what_an_arm_does_not_name(effect: Make, say: Make)
 def test_one_arm_is_taken_alone(effect: Make, say: Make) -> None:
     """A gap of matcher and filters leaves the image without one, and the other way round."""
     said = say("none of the known", effect("median", 3, arm="depth"), effect("veil", gain=3.0))
-    said["left"]["image"]["after"] = 0.2
-    said["left"]["depth"]["after"] = 1.2
+    said["left"]["image"]["beyond"] = 0.2
+    said["left"]["depth"]["beyond"] = 1.2
     read = verdict.from_table(said)
     image, depth = read.of_arm("image"), read.of_arm("depth")
     assert image.kind == "effects" and [one.name for one in image.named] == ["veil"]
     assert depth.kind == "none of the known" and [one.name for one in depth.effects] == ["median"]
+    said["baselines_by_arm"]["depth"] = {"cosine": "veil"}
+    assert verdict.from_table(said).of_arm("depth").baselines == {"cosine": "veil"}
     alone = verdict.from_table(say("effects", effect("median", 3, arm="depth")))
     assert alone.of_arm("image").kind == "no gap"
     with pytest.raises(WithheldError, match=r"arm must be one of \['depth', 'image'\]; got whole"):
