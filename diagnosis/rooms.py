@@ -6,10 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from sim.statistics import mean_known
 
 FEWEST = 3  # Rooms below which nothing is said of how sure a mean is.
+LEVEL = 0.95  # Of intervals.
 
 
 def means(values: NDArray[np.float64], rooms: Sequence[str]) -> NDArray[np.float64]:
@@ -37,6 +39,38 @@ def draws(rooms: Sequence[str], count: int, rng: np.random.Generator) -> NDArray
     number = _numbers(rooms)
     many = number.max() + 1
     return rng.multinomial(many, np.full(many, 1 / many), size=count)[:, number]
+
+
+def interval(
+    drawn: NDArray[np.float64],
+    middle: NDArray[np.float64] | float,
+    count: NDArray[np.int64] | int,
+    *,
+    level: float = LEVEL,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Percentiles of a bootstrap over rooms, widened to what so few of them can tell.
+
+    Percentiles of means of n rooms are too narrow by sqrt((n - 1) / n), and by what Student's t has
+    beyond the normal law: of three rooms 95 % cover 75 %. Their distances from the middle are
+    stretched by both.
+
+    Args:
+        drawn: (draws, ...) what rooms drawn anew give; NaN of draws that tell nothing.
+        middle: (...) what the rooms themselves give.
+        count: (...) of the rooms; less than two tell nothing, which is NaN.
+        level: of the interval.
+
+    Returns:
+        Both ends (...).
+
+    Source: Hesterberg, What teachers should know about the bootstrap, Am. Stat. 69 (2015), 4.2.
+    """
+    tail = (1 - level) / 2
+    low, high = np.nanquantile(drawn, (tail, 1 - tail), axis=0)
+    many = np.maximum(np.asarray(count, float), 2)
+    wider = np.sqrt(many / (many - 1)) * stats.t.isf(tail, many - 1) / stats.norm.isf(tail)
+    wider = np.where(np.asarray(count) < 2, np.nan, wider)
+    return middle + wider * (low - middle), middle + wider * (high - middle)
 
 
 def _numbers(rooms: Sequence[str]) -> NDArray[np.intp]:

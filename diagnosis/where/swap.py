@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from diagnosis.ground import Ground
 from diagnosis.reading import Reading
-from diagnosis.rooms import FEWEST, draws
+from diagnosis.rooms import FEWEST, draws, interval
 from sim import metrics
 
 Difference = tuple[float, float | None, float | None]  # No ends where rooms are too few.
 
 _DRAWS = 1000
-_LEVEL = 0.95
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -116,5 +115,5 @@ def _difference(values: NDArray, rooms: Sequence[str]) -> Difference | None:
         return mean, None, None
     times = draws(rooms, _DRAWS, np.random.default_rng(0))
     drawn = times @ values / times.sum(axis=1)
-    low, high = np.quantile(drawn, ((1 - _LEVEL) / 2, (1 + _LEVEL) / 2))
+    low, high = interval(drawn, mean, len(set(rooms)))
     return mean, float(low), float(high)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.ground import Ground
-from diagnosis.rooms import FEWEST, draws, means
+from diagnosis.rooms import FEWEST, draws, interval, means
+from sim.statistics import mean_known
 
 _FEWEST = 200  # Pixels of a scene in a bin.
 _DRAWS = 2000
@@ -119,7 +120,7 @@ def _t(gaps: NDArray) -> NDArray:
 
 
 def _interval(gaps: NDArray, rooms: Sequence[str]) -> tuple[NDArray, NDArray]:
-    """Where 95 % of the means lie that rooms drawn anew give; NaN of too few."""
+    """95 % intervals of the means over scenes (see `rooms.interval`); NaN of too few rooms."""
     if len(set(rooms)) < FEWEST:
         nothing = np.full(gaps.shape[1], np.nan)
         return nothing, nothing
@@ -128,5 +129,5 @@ def _interval(gaps: NDArray, rooms: Sequence[str]) -> tuple[NDArray, NDArray]:
     with np.errstate(invalid="ignore"):
         found = (times @ np.where(known, gaps, 0.0)) / (times @ known)
     found[:, ~known.any(axis=0)] = 0.0  # No row is made of these.
-    low, high = np.nanquantile(found, (0.025, 0.975), axis=0)
-    return low, high
+    middle = mean_known(gaps, axis=0)
+    return interval(found, np.nan_to_num(middle), np.isfinite(means(gaps, rooms)).sum(axis=0))

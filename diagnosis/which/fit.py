@@ -17,6 +17,7 @@ from sim.effects.effect import Value
 
 FOLDS = 4
 _STEPS = 16  # Places tried between two nodes.
+_DRAWS = 400  # Of rooms.
 
 Folds = Sequence[NDArray[np.bool_]]
 
@@ -46,9 +47,7 @@ class Fit:
         """Held-out gain of all scenes."""
         return float(self.gain.sum())
 
-    def interval(
-        self, rooms: Sequence[str], *, level: float, seed: int, draws: int = 400
-    ) -> tuple[Value, Value]:
+    def interval(self, rooms: Sequence[str], *, level: float) -> tuple[Value, Value]:
         """Strengths that rooms drawn anew would give, and those that all fit nearly as well.
 
         What the simulator gets wrong is the same in every scene, so all of them together count as
@@ -57,13 +56,11 @@ class Fit:
         Args:
             rooms: that of each scene.
             level: of the interval.
-            seed: of the draws.
-            draws: how many.
 
         Returns:
             Both ends; of a choice those of what cannot be told apart, as they are listed.
         """
-        times = drawn_anew(rooms, draws, np.random.default_rng(seed))
+        times = drawn_anew(rooms, _DRAWS, np.random.default_rng(0))
         best = self.places[np.argmin(self.cost @ times.T, axis=0)]
         ends = ((1 - level) / 2, (1 + level) / 2)
         numeric = self.signature.candidate.numeric
@@ -136,14 +133,13 @@ def places(signature: Signature, steps: int) -> NDArray[np.float64]:
     return np.linspace(0, last, (last * steps if signature.candidate.numeric else last) + 1)
 
 
-def folds(rooms: Sequence[str], *, seed: int = 0) -> list[NDArray[np.bool_]]:
+def folds(rooms: Sequence[str]) -> list[NDArray[np.bool_]]:
     """Part scenes into folds, at most as many as there are rooms; a room is never parted.
 
     Args:
         rooms: that of each scene.
-        seed: of the order.
     """
     names, room = np.unique(np.asarray(rooms), return_inverse=True)
     count = min(FOLDS, len(names))
-    number = (np.random.default_rng(seed).permutation(len(names)) % count)[room]
+    number = (np.random.default_rng(0).permutation(len(names)) % count)[room]
     return [number == fold for fold in range(count)]

@@ -273,7 +273,7 @@ def _accepted(number: int, model: Model, trial: Trial, signatures: Sequence[Sign
     own, others = _in_place(number, model, trial, signatures)
     return Accepted(
         fit=own,
-        interval=own.interval(trial.rooms, level=_LEVEL, seed=0),
+        interval=own.interval(trial.rooms, level=_LEVEL),
         rivals=_rivals(own, others, trial),
     )
 

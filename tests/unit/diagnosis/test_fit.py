@@ -124,7 +124,7 @@ def test_strength_is_found(value):
     likelihood = likelihood_of({"veil": value}, 7)
     found = fit(MADE["veil"], likelihood, HELD)
     assert found.value == pytest.approx(value, rel=0.1)
-    low, high = (float(end) for end in found.interval(ROOMS, level=0.9, seed=0))
+    low, high = (float(end) for end in found.interval(ROOMS, level=0.9))
     assert low <= float(found.value) <= high
     assert found.total > 100
     wrong = fit(MADE["crosstalk"], likelihood, HELD)
@@ -224,13 +224,13 @@ def test_the_interval_of_a_choice_holds_what_cannot_be_told_apart():
     for word, ends in (("left", ("left", "farthest")), ("nearest", ("nearest", "nearest"))):
         gap = noise(9) + chosen.at(words.index(word)).change
         found = fit(chosen, BASE.likelihood(gap, ONES), HELD)
-        assert found.interval(ROOMS, level=0.9, seed=0) == ends
+        assert found.interval(ROOMS, level=0.9) == ends
     window = effects.named("census_window")
     numbers = dataclasses.replace(one, name=window.name, effect=window, base=7.0)
     numbers = Signature(numbers, (7.0, 3.0, 5.0, 9.0), change)
     gap = noise(9) + change[1]
     found = fit(numbers, BASE.likelihood(gap, ONES), HELD)
-    assert found.interval(ROOMS, level=0.9, seed=0) == (3.0, 5.0)
+    assert found.interval(ROOMS, level=0.9) == (3.0, 5.0)
 
 
 def test_no_effect_gains_from_noise():

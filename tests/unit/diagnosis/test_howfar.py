@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from diagnosis.howfar.closed import closed
 from diagnosis.howfar.distances import distances
@@ -94,7 +95,10 @@ def test_scenes_of_one_room_are_drawn_together():
     after = [{"a": 1.0}] * 4 + [{"a": 0.0}] * 2
     (found,) = closed(before, after, floor, ["hall"] * 4 + ["attic", "yard"]).values()
     assert found.closed_pct == pytest.approx(100 / 3)
-    assert found.interval == pytest.approx((0, 100))
+    wider = np.sqrt(3 / 2) * stats.t.isf(0.025, 2) / stats.norm.isf(0.025)
+    third = 100 / 3
+    ends = (third - wider * third, third + wider * (100 - third))
+    assert found.interval == pytest.approx(ends)
     (found,) = closed(before, after, floor, ["hall"] * 4 + ["attic"] * 2).values()
     assert found.closed_pct == pytest.approx(100 / 3) and found.interval is None
 

@@ -25,6 +25,26 @@ def test_scenes_of_one_room_are_drawn_together_and_as_many_rooms_as_there_are():
     assert np.allclose(times.mean(axis=0), 1, atol=0.15)
 
 
+def test_intervals_of_few_rooms_cover_as_often_as_they_say():
+    rng = np.random.default_rng(0)
+    for count in (3, 4, 8):
+        names = [str(number) for number in range(count)]
+        values = rng.standard_normal((400, count))
+        times = rooms.draws(names, 500, rng)
+        drawn = times @ values.T / count
+        low, high = rooms.interval(drawn, values.mean(axis=1), count)
+        covered = np.mean((low <= 0) & (high >= 0))
+        assert 0.91 < covered < 0.985
+        narrow = np.quantile(drawn, (0.025, 0.975), axis=0)
+        assert (high - low > np.diff(narrow, axis=0)[0]).all()
+
+
+def test_of_one_room_there_is_no_interval():
+    drawn = np.zeros((9, 2))
+    low, high = rooms.interval(drawn, np.zeros(2), np.array([1, 2]))
+    assert np.isnan(low[0]) and np.isnan(high[0]) and low[1] == high[1] == 0
+
+
 def test_three_of_eight_rooms_are_locked_and_none_of_three():
     def split(count: int) -> tuple[int, int]:
         subjects: Any = [SimpleNamespace(room=str(number)) for number in range(count)]
