@@ -31,7 +31,7 @@ from diagnosis.which.arm import Found, Screen
 from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm
 from patterns.errors import refuse
-from sim import capture, effects, output, progress, record, sensors
+from sim import asked_sensor, capture, effects, output, progress, record
 from sim.capture import CapturedScene, CaptureSet
 from sim.sensor import Sensor
 
@@ -156,10 +156,15 @@ def _subjects(
     names, known = [one.name for one, _ in pairs], [one.name for one in before]
     if names != known:
         raise refuse("scenes", "must be the same in all capture sets", (case, names), "Part it.")
-    return [
+    taken = [
         retaken(one, scene, against=others.get(one.name))
         for one, (scene, _) in zip(before, pairs, strict=True)
     ]
+    repeats, known = [one.frames for one in taken], [one.frames for one in before]
+    if repeats != known:
+        told = (case, repeats)
+        raise refuse("repeats", "must be as many in all capture sets", told, f"Give {known}.")
+    return taken
 
 
 def _baselines(arms: Sequence[Found], *, seed: int) -> dict[str, str | None]:
@@ -170,6 +175,17 @@ def _baselines(arms: Sequence[Found], *, seed: int) -> dict[str, str | None]:
         "cosine": rivals.nearest(each),
         "random": rivals.by_lot(each, seed=seed),
     }
+
+
+def _left_out(path: Path) -> dict[str, str]:
+    """By capture set an effect, as a file tells it."""
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise refuse("without", "must be a readable JSON file", path, f"{error}.") from error
+    if not isinstance(told, dict):
+        raise refuse("without", "must be an object", told, "Give an effect by capture set.")
+    return told
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -194,10 +210,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         lambda tell: diagnose(
             asked.cases,
             asked.out,
-            sensors.load(asked.sensor),
+            asked_sensor.load(asked.sensor, captures=str(program.capture_sets(asked.cases)[0])),
             against=None if asked.against is None else capture.open_set(asked.against),
             cache=asked.cache,
-            without=None if asked.without is None else json.loads(asked.without.read_text()),
+            without=None if asked.without is None else _left_out(asked.without),
             tell=tell,
         )
     )

@@ -28,7 +28,7 @@ from diagnosis.which.candidates import Arm
 from diagnosis.which.fit import fit, places
 from diagnosis.which.likelihood import Likelihood
 from diagnosis.which.signature import Signature, signature, with_node
-from sim import capture, effects, progress, sensors
+from sim import asked_sensor, capture, effects, progress
 from sim.effects.effect import Value
 from sim.sensor import Sensor
 
@@ -83,7 +83,8 @@ def in_each(many: Sequence[dict[str, Limits]]) -> dict[str, Limits]:
     Args:
         many: limits by effect, at least one; all of one base.
     """
-    return {name: _in_each([one[name] for one in many]) for name in many[0]}
+    known = [name for name in many[0] if all(name in one for one in many)]
+    return {name: _in_each([one[name] for one in many]) for name in known}
 
 
 def _in_each(many: Sequence[Limits]) -> Limits:
@@ -202,7 +203,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     crew.alone()
 
     def work(tell: progress.Progress) -> None:
-        sensor = sensors.load(asked.sensor)
+        sensor = asked_sensor.load(asked.sensor, captures=str(asked.captures[0]))
         found = [
             limits(one, sensor, wanted=asked.effects, cache=asked.cache, tell=tell)
             for one in asked.captures

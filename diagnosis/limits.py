@@ -70,6 +70,17 @@ def _captured(subjects: Sequence[Subject]) -> Iterator[str]:
             f"No infrared{_of(blind, subjects)}: what images do cannot be told from what matcher "
             "and filters do."
         )
+    lit = [
+        one.name
+        for one in subjects
+        if one.sensor.projector.power_w == 0 and one.real.left is not None and not one.real.unlit
+    ]
+    if lit:
+        yield (
+            f"The sensor at hand has its projector off, and no pair{_of(lit, subjects)} is named "
+            "as captured so (ir_left_off.png, ir_right_off.png): the ordinary ones are taken for "
+            "it."
+        )
     pairs_alone = [one.name for one in subjects if one.real.device_px is None]
     if pairs_alone:
         yield (

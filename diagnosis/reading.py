@@ -39,6 +39,7 @@ class Reading:
     device_px: Maps | None  # Disparity by the device's own depth; NaN likewise.
     moved: bool = False  # Whether repeats differ by more than noise and how much light there is.
     exposure: Exposure | None = None  # That the camera recorded for the first repeat.
+    unlit: bool = False  # Whether these are pairs captured beside others with the projector off.
 
     @property
     def depth_px(self) -> Maps:
@@ -69,8 +70,9 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
     frames = [scene.frame(number) for number in scene.frames]
     if frames[0].record.get("counts", "repeats") != "repeats":
         frames = frames[:1]  # Steps of time, whose noise and scene are each their own.
-    dark = sensor.projector.power_w == 0
-    frames, pairs, depths = _told(frames, dark=dark)
+    unlit = [_unlit(one) for one in frames] if sensor.projector.power_w == 0 else []
+    unlit = [one for one in unlit if one.ir_left is not None and one.ir_right is not None]
+    frames, pairs, depths = _told(unlit or frames)
     if not frames:
         raise refuse(
             f"scene {scene.name}",
@@ -87,20 +89,20 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
         device_px=np.stack([scene.info.disparity_px(one) for one in depths]) if depths else None,
         moved=left is not None and _moved(left),
         exposure=recorded(frames[0].record),
+        unlit=bool(unlit),
     )
 
 
+def _unlit(frame: Frame) -> Frame:
+    """What was captured with the projector off, of which no depth tells."""
+    left, right = frame.ir_left_off, frame.ir_right_off
+    return dataclasses.replace(frame, ir_left=left, ir_right=right, depth_m=None)
+
+
 def _told(
-    frames: Sequence[Frame], *, dark: bool
+    frames: Sequence[Frame],
 ) -> tuple[list[Frame], list[tuple[GreyImage, GreyImage]], list[Maps]]:
-    """Frames that tell, with their infrared pairs and depths; the pairs without projector where
-    there are such and the sensor has its off, of which no depth tells.
-    """
-    if dark:
-        off = [(frame, _pair(frame.ir_left_off, frame.ir_right_off)) for frame in frames]
-        known = [(frame, pair) for frame, pair in off if pair is not None]
-        if known:
-            return [frame for frame, _ in known], [pair for _, pair in known], []
+    """Frames that tell, with their infrared pairs and depths."""
     each = [(frame, _pair(frame.ir_left, frame.ir_right), frame.depth_m) for frame in frames]
     both = [one for one in each if one[1] is not None and one[2] is not None]
     paired = [one for one in each if one[1] is not None]

@@ -233,10 +233,15 @@ def subject(
         fitted: nuisances that were fitted to it before; None fits them.
 
     Raises:
-        InputError: if neither geometry nor reference depth is known, an image is damaged, nothing
-            was captured that depth could be told from, or both captures have nothing in common.
+        InputError: if the sensor is of another size, neither geometry nor reference depth is known,
+            an image is damaged, nothing was captured that depth could be told from, or both
+            captures have nothing in common.
     """
     known_by = captured if against is None else against
+    size = (known_by.info.height, known_by.info.width)
+    if size != (sensor.height, sensor.width):
+        rule = f"must be of the sensor's size, {sensor.height} x {sensor.width}"
+        raise refuse(f"scene {captured.name}", rule, size, "Give the sensor of these captures.")
     scene, estimates = estimated.scene(known_by, sensor)
     if fitted is None:
         fitted = nuisances.fitted(known_by, scene, sensor) if estimates else {}

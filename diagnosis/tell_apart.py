@@ -81,7 +81,22 @@ def _exposed_longer(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
 
 
 def _walls(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
-    return [(_lit(builtin.wall(z), scene.ambient.irradiance_w_m2), sensor) for z in (0.6, 1.2, 2.4)]
+    return [(_at_wall(scene, builtin.wall(z)), sensor) for z in (0.6, 1.2, 2.4)]
+
+
+def _at_wall(scene: Scene, wall: Scene) -> Scene:
+    """The wall in the scene's light, by a camera that moves as there; what the scene's surfaces are
+    like, and where they truly stand, stays with them.
+    """
+    light = dataclasses.replace(scene.ambient, up=wall.ambient.up)
+    return dataclasses.replace(
+        wall,
+        ambient=light,
+        sun=scene.sun,
+        other_projector=scene.other_projector,
+        interreflection=scene.interreflection,
+        motion=scene.motion,
+    )
 
 
 def _as_is(scene: Scene, sensor: Sensor) -> Sequence[Setup]:

@@ -39,9 +39,8 @@ def closed(
         rooms: of the scenes.
 
     Returns:
-        By figure. A gap that rooms drawn anew do not always have, all but 2.5 % of the draws, is none:
-        not identifiable. Of fewer than three rooms every scene must have it, and there is no
-        interval.
+        By figure. A gap that is not there in 97.5 % of the draws of rooms is none: not
+        identifiable. Of fewer than three rooms every scene must have it, and there is no interval.
     """
     found = {}
     for name in dict.fromkeys(name for one in before for name in one):

@@ -19,7 +19,7 @@ from diagnosis.features import reading as features
 from diagnosis.reading import Reading
 from diagnosis.subject import Subject
 from diagnosis.which.candidates import Arm
-from patterns.errors import InputError
+from patterns.errors import InputError, refuse
 from sim import record
 from sim.effects import setting
 from sim.effects.effect import Effect, Value
@@ -65,13 +65,11 @@ class Bench:
         return self.columns.names
 
     def of(self, subjects: Sequence[Subject]) -> Bench:
-        """The same scenes, captured otherwise; in the arm of matcher and filters nothing of what
-        was simulated holds for them, nor in others where repeats are more or fewer.
+        """The same scenes, captured otherwise, repeats being as many; in the arm of matcher and
+        filters nothing of what was simulated would hold for them.
         """
         assert self.arm is not Arm.DEPTH
-        repeats = [[one.frames for one in many] for many in (self.subjects, subjects)]
-        kept = self._kept if repeats[0] == repeats[1] else {}
-        return dataclasses.replace(self, subjects=tuple(subjects), _kept=kept)
+        return dataclasses.replace(self, subjects=tuple(subjects))
 
     def real(self) -> Table:
         """What was captured."""
@@ -248,6 +246,8 @@ def bench(
         cache: folder that keeps what is simulated, for other runs.
         crew: who simulates; None: this process.
     """
+    if cache is not None:
+        _make(cache)
     ceiling = float(2 ** subjects[0].sensor.left.bit_depth - 1)
     if crew is None:
         told = [base_features(one, arm, ceiling) for one in subjects]
@@ -340,6 +340,13 @@ def _digest(subject: Subject, columns: Columns, base: Row) -> str:
             if images is not None:
                 found.update(np.ascontiguousarray(images).tobytes())
     return found.hexdigest()[:16]
+
+
+def _make(cache: Path) -> None:
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise refuse("cache", "must be a folder", cache, f"{error.strerror}.") from error
 
 
 def _save(path: Path, row: Row) -> None:

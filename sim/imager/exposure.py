@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -24,15 +25,19 @@ class Exposure:
 
 
 def recorded(record: Mapping[str, Any]) -> Exposure | None:
-    """The exposure that a frame's record (`frame.json`) tells; None where it tells none.
+    """The exposure that a frame's record (`frame.json`) tells; None where it tells none that can
+    be: both numbers must be finite and > 0.
 
     Args:
         record: by key, `exposure_s` and `gain` among them.
     """
-    seconds, gain = record.get("exposure_s"), record.get("gain")
-    if not isinstance(seconds, (int, float)) or not isinstance(gain, (int, float)):
-        return None
-    return Exposure(exposure_s=float(seconds), gain=float(gain))
+    told = [record.get(name) for name in ("exposure_s", "gain")]
+    known = [
+        float(one)
+        for one in told
+        if isinstance(one, (int, float)) and not isinstance(one, bool) and 0 < one < math.inf
+    ]
+    return Exposure(exposure_s=known[0], gain=known[1]) if len(known) == 2 else None
 
 
 def electrons_per_radiance(imager: Imager, wavelength_nm: float, exposure_s: float) -> float:

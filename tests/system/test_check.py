@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -329,6 +330,22 @@ def test_other_scenes_are_not_one_batch(done, tmp_path, capsys):
     assert batch.main([str(tmp_path / "cases"), str(tmp_path / "out"), *flags]) == 1
     assert "same in all" in capsys.readouterr().err
     assert batch.main([str(tmp_path), str(tmp_path / "out"), *flags]) == 1
+    shutil.rmtree(tmp_path / "cases" / "1")
+    shoot.shoot(one.sets[0].source.light, null, tmp_path / "cases" / "1", frames=2)
+    capsys.readouterr()
+    assert batch.main([str(tmp_path / "cases"), str(tmp_path / "other"), *flags]) == 1
+    assert "repeats must be as many in all capture sets" in capsys.readouterr().err
+    told = tmp_path / "without.json"
+    for text, said in ((None, "readable JSON"), ("[", "readable JSON"), ("[]", "be an object")):
+        if text is not None:
+            told.write_text(text)
+        given = [*flags, "--without", str(told)]
+        assert batch.main([str(tmp_path / "cases"), str(tmp_path / "out"), *given]) == 1
+        err = capsys.readouterr().err
+        assert err.startswith("without must be") and said in err
+    given = [*flags, "--cache", str(told)]
+    assert batch.main([str(tmp_path / "cases"), str(tmp_path / "out"), *given]) == 1
+    assert "cache must be a folder" in capsys.readouterr().err
     assert own_depth.main([str(tmp_path), *flags]) == 1
     (tmp_path / "cases" / "0" / "clutter-60" / "0" / "ir_left.png").unlink()
     (tmp_path / "cases" / "0" / "clutter-60" / "0" / "depth.png").unlink()

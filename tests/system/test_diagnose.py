@@ -309,6 +309,17 @@ def test_a_capture_that_tells_is_found(place):
     assert tell_apart(one, {"veil": 0.05}, {"exposure": -1.0}, Arm.IMAGE, menu=menu[:1]) == []
 
 
+def test_at_a_wall_the_camera_moves_and_light_is_as_in_the_scene(place):
+    """What is told apart there must be told by the wall, not by a rival that was left behind."""
+    one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
+    (wall,) = [each for each in MENU if "wall" in each.text]
+    (told,) = tell_apart(one, {"sunlight": 5.0}, {}, Arm.IMAGE, menu=[wall])
+    assert told.enough
+    rivals = {"sunlight": 5.0}, {"sunlight": 5.0, "model_shift": 0.002}
+    (told,) = tell_apart(one, *rivals, Arm.IMAGE, menu=[wall])
+    assert told.deviations == pytest.approx(0)  # Where the scene truly stands stays with it.
+
+
 def test_what_a_capture_switches_off_no_rival_switches_on(place):
     """Two powers of the projector look the same with it off, and with a cap on."""
     one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
@@ -345,6 +356,9 @@ def test_captures_that_cannot_be_asked_are_refused(place, tmp_path, capsys):
     flags[1] = "kinect-v1"
     assert starling.main(["diagnose", str(place / "null"), *flags]) == 1
     assert "sensor must be a stereo camera's; got structured_light" in capsys.readouterr().err
+    flags[1] = str(place / "sensor.toml")
+    assert starling.main(["diagnose", str(place / "null"), *flags, "--set", "width=64"]) == 1
+    assert "must be of the sensor's size, " in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

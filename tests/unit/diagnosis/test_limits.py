@@ -26,6 +26,7 @@ def scene(name: str = "a", *, room: str = "", sensor: Sensor = SENSOR, **real: A
         "device_px": image,
         "moved": False,
         "exposure": None,
+        "unlit": False,
     } | real
     return SimpleNamespace(
         name=name,
@@ -80,7 +81,10 @@ def test_what_was_fitted_to_each_scene_is_told_and_where_dots_are_another_patter
     first.estimates = second.estimates = (1,)
     assert "Dots of b are not where this sensor's pattern has them" in told(first, second)
     second.sensor = with_values(SENSOR, [("projector.power_w", 0.0)])
-    assert "Dots" not in told(first, second)
+    text = told(first, second)
+    assert "Dots" not in text and "no pair of b is named as captured so" in text
+    second.real.unlit = True
+    assert "captured so" not in told(first, second)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from patterns import InputError
 from sim import imager
 from sim.imager import charge, converter, noise, smoothing, well
+from sim.imager.exposure import Exposure, recorded
 from sim.imager.fixed_pattern import Die
 from sim.optics import blur
 from sim.sensor import Imager
@@ -112,6 +113,14 @@ def test_auto_exposure_meets_its_level_or_its_limit(radiance):
     at_limit = chosen.exposure_s == part.auto_exposure_max_s
     assert at_limit or level == pytest.approx(0.25 * part.ceiling_dn, rel=1e-4)
     assert level <= 0.25 * part.ceiling_dn * (1 + 1e-4)
+
+
+@pytest.mark.parametrize("gain", [0, -1.0, float("nan"), float("inf"), True, "1", None])
+def test_of_what_a_frame_tells_only_an_exposure_that_can_be_is_one(gain):
+    assert recorded({"exposure_s": 0.01, "gain": gain}) is None
+    assert recorded({"exposure_s": gain, "gain": 2}) is None
+    assert recorded({"gain": 2}) is None
+    assert recorded({"exposure_s": 0.01, "gain": 2}) == Exposure(exposure_s=0.01, gain=2.0)
 
 
 def test_fixed_exposure_is_fixed():

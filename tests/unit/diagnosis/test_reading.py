@@ -1,0 +1,97 @@
+"""What a camera gave of a scene, repeat by repeat."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis import reading
+from patterns.errors import InputError
+from sim import sensors
+from sim.capture import Frame
+from sim.sensor_edits import with_values
+
+SHAPE = (96, 160)
+SENSOR = with_values(
+    sensors.load("d435"),
+    [
+        *(("width", SHAPE[1]), ("height", SHAPE[0]), ("cx_px", 79.5), ("cy_px", 47.5)),
+        ("matcher.search_px", 32),
+    ],
+)
+DARK = with_values(SENSOR, [("projector.power_w", 0.0)])
+
+
+def image(level: int) -> np.ndarray:
+    rng = np.random.default_rng(level)
+    return (level + rng.integers(0, 9, SHAPE)).astype(np.uint8)
+
+
+def depth(metres: float) -> np.ndarray:
+    return np.full(SHAPE, metres, np.float32)
+
+
+class FakeScene:
+    """Frames in memory; disparity is 1 over depth."""
+
+    name = "attic"
+
+    def __init__(self, *frames: Frame) -> None:
+        self.frames = tuple(range(len(frames)))
+        self.frame = frames.__getitem__
+        self.info: Any = self
+
+    def disparity_px(self, depth_m: np.ndarray) -> np.ndarray:
+        return 1 / depth_m
+
+
+def read(*frames: Frame, sensor: Any = SENSOR) -> reading.Reading:
+    scene: Any = FakeScene(*frames)
+    return reading.read(scene, sensor)
+
+
+def test_a_pair_stands_beside_the_depth_of_its_own_repeat():
+    bare = Frame(number=0, depth_m=depth(1.0), record={"exposure_s": 1.0, "gain": 1.0})
+    whole = Frame(
+        number=1,
+        ir_left=image(50),
+        ir_right=image(60),
+        depth_m=depth(2.0),
+        record={"exposure_s": 2.0, "gain": 1.0},
+    )
+    blind = Frame(number=2, ir_left=image(70), ir_right=image(80))
+    found = read(bare, whole, blind)
+    assert found.repeats == 1 and found.left is not None and found.device_px is not None
+    np.testing.assert_array_equal(found.left[0], whole.ir_left)
+    assert (found.device_px == 0.5).all()
+    assert found.exposure is not None and found.exposure.exposure_s == 2.0
+
+
+def test_where_no_repeat_has_both_pairs_come_before_depth():
+    bare = Frame(number=0, depth_m=depth(1.0))
+    pair = Frame(number=1, ir_left=image(50), ir_right=image(60))
+    found = read(bare, pair)
+    assert found.left is not None and found.device_px is None
+    alone = read(bare, Frame(number=1, ir_left=image(50)))  # One imager alone is no pair.
+    assert alone.left is None and alone.device_px is not None and alone.repeats == 1
+    with pytest.raises(InputError, match="scene attic must hold infrared pairs or depth"):
+        read(Frame(number=0, ir_left=image(50)))
+
+
+def test_without_projector_the_pairs_that_were_captured_so_are_taken():
+    frame = Frame(
+        number=0,
+        ir_left=image(50),
+        ir_right=image(60),
+        ir_left_off=image(20),
+        ir_right_off=image(30),
+        depth_m=depth(1.0),
+    )
+    lit, off = read(frame), read(frame, sensor=DARK)
+    assert lit.left is not None and not lit.unlit and lit.device_px is not None
+    assert off.left is not None and off.unlit and off.device_px is None
+    np.testing.assert_array_equal(off.left[0], frame.ir_left_off)
+    plain = Frame(number=0, ir_left=image(50), ir_right=image(60))
+    assert not read(plain, sensor=DARK).unlit
