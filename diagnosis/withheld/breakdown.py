@@ -52,8 +52,11 @@ def baselines(singles: Sequence[Answered]) -> dict[str, dict[str, float | None]]
     }
 
 
-def closed_by_metric(named: Sequence[Answered]) -> dict[str, dict[str, float | None]]:
-    """Median share closed of each metric, and the share of cases where it can be told."""
+def closed_by_metric(cases: Sequence[Answered]) -> dict[str, dict[str, float | None]]:
+    """Median share closed of each metric, of cases where an effect is named and it can be told, and
+    the share of these among those with an effect named.
+    """
+    named = [one for one in cases if one.verdict.named]
     found = {}
     for name in sorted({name for one in named for name in one.verdict.closed_pct}):
         told = figure(named, lambda one, name=name: one.verdict.closed_pct.get(name), median=True)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -10,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from diagnosis.withheld import case, limits, power, programs, score, seal
+from diagnosis.withheld import case, limits, lock, power, programs, score, seal
 from diagnosis.withheld.answered import Answered
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.catalogue import ROWS
@@ -83,7 +85,8 @@ class Check:
     @property
     def place(self) -> Path:
         """Folder of this run's truth and verdicts; light and signatures serve all runs in `out`."""
-        return self.out / "power" if self.power else self.out
+        words = [*(["power"] if self.power else []), *([] if self.infrared else ["depth alone"])]
+        return self.out / " of ".join(words) if words else self.out
 
     @property
     def hidden(self) -> Path:
@@ -98,14 +101,20 @@ class Check:
                 how many of each effect and level.
 
         Raises:
-            WithheldError: if a renderer fails, the truth or the diagnosis' families are not what
-                was sealed, or the detection limits cannot be read.
+            WithheldError: if a renderer fails, another run works here, the truth, the diagnosis'
+                families or what is asked for are not what was sealed, there are verdicts and no
+                seal, or the detection limits cannot be read.
         """
         self._each(_prepare, [(one,) for one in self.sets])
         families = self._families()
-        if not (self.hidden / seal.TRUTH).exists():
-            seal.seal(self._drawn(singles, families), families, self.hidden, self.place)
-        return seal.verify(families, self.hidden, self.place)
+        told = {seal.FAMILIES: families, seal.ASKED: self._asked(singles)}
+        if not (self.place / seal.SEAL).exists():
+            answers = [*self.place.glob("set-*/w*/*.json")]
+            if answers:
+                advice = "Give a new folder: cases are drawn before they are answered."
+                raise refusal("verdicts", "must come after the seal", answers[0], advice)
+            seal.seal(self._drawn(singles, families), told, self.hidden, self.place)
+        return seal.verify(told, self.hidden, self.place)
 
     def diagnosed(self, cases: Sequence[Case], singles: int | None = None) -> None:
         """Have all cases diagnosed that are not yet.
@@ -115,16 +124,17 @@ class Check:
             singles: As for `prepared`.
 
         Raises:
-            WithheldError: if a program fails.
+            WithheldError: if a program fails, or the code is not what was sealed.
         """
         left_out = self._left_out(cases, singles)
-        self._each(
-            _diagnose,
-            [
-                (one, self._of(cases, one.number), self._of(left_out, one.number))
-                for one in self.sets
-            ],
-        )
+        each = [
+            (one, self._of(cases, one.number), self._of(left_out, one.number)) for one in self.sets
+        ]
+        if not any(one.pending(*of) for one, *of in each):
+            return
+        self._refuse_other_code()
+        self._each(_diagnose, each)
+        self._refuse_other_code()  # Programs begin one after the other.
 
     def scored(self, cases: Sequence[Case], singles: int | None = None) -> dict[str, Any]:
         """Open the truth beside the verdicts; every opening is written down.
@@ -165,7 +175,26 @@ class Check:
                 left_out=twins,
                 family_alone=alone,
             )
-        return {**told, "infrared": self.infrared, "opened": opened}
+        same = seal.is_of_this_code(self.place)
+        return {**told, "infrared": self.infrared, "opened": opened, "code_as_sealed": same}
+
+    def _refuse_other_code(self) -> None:
+        if not seal.is_of_this_code(self.place):
+            rule, advice = "must be the one sealed", "Run that, or give a new folder."
+            raise refusal("code", rule, "another", advice)
+
+    def _asked(self, singles: int | None) -> bytes:
+        """What this run asks, as `seal.ASKED` is to hold it."""
+        told = {
+            "tier": self.tier.number,
+            "first_scene": self.tier.first,
+            "cases": singles,
+            "infrared": self.infrared,
+            "power": self.power,
+            "captures": self.captures and self.captures.resolve().name,
+            "sensor": self.sensor and _content(self.sensor),
+        }
+        return json.dumps(told, indent=1).encode()
 
     def _answered(self, cases: Sequence[Case], table: Table) -> list[Answered]:
         return [
@@ -219,6 +248,12 @@ class Check:
                 done.result()
 
 
+def _content(sensor: str) -> str:
+    """A preset's name, or the SHA-256 of a sensor file."""
+    path = Path(sensor)
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else sensor
+
+
 def _noticed(answered: Sequence[Answered]) -> float | None:
     """Share of cases whose device's matcher, which is not ours, was noticed."""
     return figure(answered, lambda one: one.verdict.of_arm("depth").kind != "no gap").value
@@ -229,7 +264,8 @@ def _of_arm(answered: Sequence[Answered], arm: Arm) -> list[Answered]:
 
 
 def _prepare(of: SceneSet) -> None:
-    of.source.prepare()
+    with lock.alone(of.source.folder):
+        of.source.prepare()
 
 
 def _diagnose(of: SceneSet, cases: Sequence[Case], left_out: Sequence[Case]) -> None:

@@ -9,7 +9,8 @@ from typing import Any
 
 from diagnosis.withheld.errors import refusal
 
-TIERS = (1, 2, 3, 4)  # Goals are higher in the first, whose renders the diagnosis shares.
+TIERS = (1, 2, 3, 4)
+_OWN = (1, 3)  # Those whose renderer and matcher the diagnosis shares: goals are higher.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -79,7 +80,7 @@ def goals(
         raise refusal("tier", f"must be one of {TIERS}", tier, "Tiers differ in what is shared.")
     asked = _WITHOUT_INFRARED
     if infrared:
-        asked = {key: pair[0 if tier == 1 else 1] for key, pair in _GOALS.items()}
+        asked = {key: pair[0 if tier in _OWN else 1] for key, pair in _GOALS.items()}
     return {
         key: {"asked": goal.asked, "reached": goal.reached(scores[key])}
         for key, goal in asked.items()

@@ -54,6 +54,7 @@ EFFECTS = frozenset(
         "block_compression",
     }
 )
+LEVELS = frozenset({"black_level", "gain"})  # An automatic exposure would make up for these.
 UPWARDS = frozenset({"lens_blur", "read_noise"})  # What is there of them cannot be taken out.
 _OPTICAL = (
     *("lens_blur", "vignetting", "veil", "crosstalk"),

@@ -66,10 +66,13 @@ class RealPairs:
     def effects(self) -> frozenset[str]:
         """Those that can be put into an image, but for what the camera has of them already.
 
-        How much a camera has is told of those alone whose neutral is one of its settings.
+        How much a camera has is told of those alone whose neutral is one of its settings. What an
+        automatic exposure makes up for, an image that is exposed already cannot show.
         """
         told = {row.name for row in ROWS.values() if isinstance(row.neutral, str)}
-        return inject.EFFECTS - (nominal.has(self._nominal) - told)
+        has = nominal.has(self._nominal)
+        made_up = inject.LEVELS if "auto_exposure" in has else frozenset()
+        return inject.EFFECTS - (has - told) - made_up
 
     @property
     def upwards(self) -> frozenset[str]:
@@ -107,7 +110,8 @@ class RealPairs:
         camera = self.camera
         capture_files.copy(self.captures, out, ("capture.toml",))
         for scene in lot(capture.open_set(self.captures).scenes, self.scenes, self.number):
-            shutil.copytree(scene.path, out / scene.name, ignore=_frames)
+            known = tuple(path.name for path in scene.path.iterdir() if path.is_file())
+            capture_files.copy(scene.path, out / scene.name, known)
             left_dn, right_dn = _pair(scene)
             pair = inject.inject(
                 left_dn,
@@ -158,7 +162,3 @@ def lot(scenes: Sequence[CapturedScene], count: int, number: int) -> list[Captur
     place = {one.name: turn for of in rooms.values() for turn, one in enumerate(of)}
     drawn = sorted(shuffled, key=lambda one: place[one.name])[:count]
     return sorted(drawn, key=lambda one: one.name)
-
-
-def _frames(folder: str, names: list[str]) -> list[str]:
-    return [name for name in names if name.isdigit()]

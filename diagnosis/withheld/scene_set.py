@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from diagnosis.withheld import programs, verdict
+from diagnosis.withheld import lock, programs, verdict
 from diagnosis.withheld.answered import Answered
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.source import Source
@@ -35,10 +35,23 @@ class SceneSet:
                 without the families of its twins too.
 
         Raises:
-            WithheldError: if a program fails.
+            WithheldError: if a program fails, or another run works on the set.
         """
+        with lock.alone(self.folder):
+            self._diagnose(*self._pending(cases, left_out))
+
+    def pending(self, cases: Sequence[Case], left_out: Sequence[Case]) -> bool:
+        """Whether anything is left to do (arguments as `diagnose`)."""
+        return any(self._pending(cases, left_out))
+
+    def _pending(
+        self, cases: Sequence[Case], left_out: Sequence[Case]
+    ) -> tuple[list[Case], list[Case]]:
         todo = [one for one in cases if not self._has(one, "whole")]
         again = [one for one in left_out if not self._has(one, "without family", "without twins")]
+        return todo, again
+
+    def _diagnose(self, todo: Sequence[Case], again: Sequence[Case]) -> None:
         wanted = {one.number: one for one in (*todo, *again)}
         missing = [one for one in wanted.values() if not (self._cases / one.name).exists()]
         if missing:

@@ -13,6 +13,8 @@ from diagnosis.withheld.figure import Figure, figure
 from diagnosis.withheld.goals import goals
 from diagnosis.withheld.nominal import Nominal
 
+REAL = 4  # Tier whose sets share scenes.
+
 
 def score(
     answered: Sequence[Answered],
@@ -38,7 +40,8 @@ def score(
 
     Returns:
         The scores by name as JSON has them, rates in 0..1, None where no case tells. `intervals`
-        are 95 % by sets of scenes; `goals` is what is asked of the tier.
+        are 95 % by sets of scenes, and none of real pairs, whose sets share rooms; `goals` is what
+        is asked of the tier.
 
     Raises:
         WithheldError: if a case left out is no single, a single is at its neutral, or there is no
@@ -81,7 +84,9 @@ def score(
         "baselines": breakdown.baselines(of["single"]),
         "closed_by_metric": breakdown.closed_by_metric([*of["single"], *of["pair"]]),
         "seconds": math.fsum(one.verdict.seconds for one in (*answered, *left_out, *family_alone)),
-        "intervals": _intervals({key: figures[key] for key in asked}, (*answered, *left_out)),
+        "intervals": _intervals(
+            {} if tier == REAL else {key: figures[key] for key in asked}, (*answered, *left_out)
+        ),
         "goals": asked,
         "failures": breakdown.failures(answered, left_out),
     }

@@ -45,9 +45,10 @@ def text(scores: Mapping[str, Any]) -> str:
     parts = [
         ("", [f"Withheld effects, tier {scores['tier']}: {counts}; {scores['seconds']:.0f} s"]),
         ("", _goals(scores)),
+        ("", _real(scores["tier"])),
         ("", _matcher(scores.get("matcher_noticed"))),
         ("", _rows(scores["by_effect"], "effect done alone")),
-        ("", _rows(scores["closed_by_metric"], "gap closed [%], one or two effects")),
+        ("", _rows(scores["closed_by_metric"], "gap closed [%], where an effect is named")),
         ("", _rows(scores["baselines"], "simpler ways, one effect")),
         ("Answers by truth:", _confusion(scores["confusion"])),
         (f"Failures, {len(scores['failures'])}:", _failures(scores["failures"])),
@@ -73,7 +74,8 @@ def power(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 def _goals(scores: Mapping[str, Any]) -> list[str]:
     rows = [["score", "reached", "95 %", "asked", ""]]
-    for key, words in _WORDS.items():
+    told = {key: words for key, words in _WORDS.items() if scores[key] is not None}
+    for key, words in told.items():
         goal = scores["goals"].get(key)
         ends = scores["intervals"].get(key)
         rows.append(
@@ -86,6 +88,15 @@ def _goals(scores: Mapping[str, Any]) -> list[str]:
             ]
         )
     return _columns(rows)
+
+
+def _real(tier: int) -> list[str]:
+    if tier != 4:
+        return []
+    return _wrapped(
+        "A null differs from its partner by noise of the law that alarms are guarded by, and sets "
+        "share rooms: few alarms are built in, and there are no intervals."
+    )
 
 
 def _matcher(noticed: float | None) -> list[str]:

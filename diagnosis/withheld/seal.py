@@ -1,14 +1,14 @@
 """Sealing: what was done is put away, and its fingerprint published before anybody looks.
 
-Beside it that of the diagnosis' families, which must not be drawn anew once answers are known.
+Beside it those of the diagnosis' families, of what was asked for and of the code, none of which may
+become another once answers are known.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from diagnosis.withheld import case
@@ -17,15 +17,23 @@ from diagnosis.withheld.errors import refusal
 
 TRUTH = "truth.json"
 FAMILIES = "families.json"
+ASKED = "asked.json"
+CODE = "code"
 SEAL = "truth.sha256"
 
+_ROOT = Path(__file__).parents[2]
+_PACKAGES = ("calibration", "diagnosis", "learning", "patterns", "sim")
+_SUFFIXES = (".py", ".json", ".toml")
 
-def seal(cases: Sequence[Case], told: bytes, hidden: Path, public: Path) -> str:
-    """Put the truth into one folder, and its fingerprint and the families into another.
+
+def seal(cases: Sequence[Case], told: Mapping[str, bytes], hidden: Path, public: Path) -> str:
+    """Put the truth into one folder, and its fingerprint and what else is told into another.
+
+    The fingerprint comes last: without it nothing is sealed, and nothing can have been answered.
 
     Args:
         cases: The cases drawn.
-        told: Families, as `FAMILIES` is to hold them.
+        told: Content of `FAMILIES` and `ASKED`.
         hidden: Folder that the diagnosis cannot read; made where there is none.
         public: Folder for the SHA-256; made where there is none.
 
@@ -33,45 +41,83 @@ def seal(cases: Sequence[Case], told: bytes, hidden: Path, public: Path) -> str:
         The SHA-256 of the truth in hexadecimal digits.
 
     Raises:
-        WithheldError: if both are one folder, or a truth or seal lies there already.
+        WithheldError: if both are one folder, or a seal lies there already.
     """
     if hidden.resolve() == public.resolve():
         raise refusal("hidden and public", "must be two folders", hidden, "Part them.")
-    for path in (hidden / TRUTH, public / FAMILIES, public / SEAL):
-        if os.path.lexists(path):
-            raise refusal("seal", "must not be broken", path, "Give new folders.")
+    if (public / SEAL).exists():
+        raise refusal("seal", "must not be broken", public / SEAL, "Give new folders.")
     text = case.dumps(cases).encode()
-    digest = _digest(text)
+    prints = {TRUTH: _digest(text), **{name: _digest(one) for name, one in told.items()}}
+    prints[CODE] = code()
     hidden.mkdir(parents=True, exist_ok=True)
     public.mkdir(parents=True, exist_ok=True)
     _write(hidden / TRUTH, text)
-    _write(public / FAMILIES, told)
-    _write(public / SEAL, f"{digest}  {TRUTH}\n{_digest(told)}  {FAMILIES}\n".encode())
-    return digest
+    for name, content in told.items():
+        _write(public / name, content)
+    lines = [f"{digest}  {name}\n" for name, digest in prints.items()]
+    _write(public / SEAL, "".join(lines).encode())
+    return prints[TRUTH]
 
 
-def verify(told: bytes, hidden: Path, public: Path) -> tuple[Case, ...]:
-    """Open the truth after making sure that it and the families are those that were sealed.
+def verify(told: Mapping[str, bytes], hidden: Path, public: Path) -> tuple[Case, ...]:
+    """Open the truth after making sure that it and all that is told are those that were sealed.
 
     Args:
-        told: Families that the diagnosis has now.
+        told: What `FAMILIES` and `ASKED` would hold now.
         hidden: Folder of the truth.
         public: Folder of the seal.
 
     Raises:
-        WithheldError: if truth or seal is missing, or either is not what was sealed.
+        WithheldError: if truth or seal is missing, or anything is not what was sealed.
     """
+    sealed = _sealed(public)
     try:
         text = (hidden / TRUTH).read_bytes()
-        of_truth, of_families = (public / SEAL).read_text(encoding="ascii").split()[::2]
-    except (OSError, ValueError) as error:
-        raise refusal("seal", "must have a truth and a fingerprint", hidden, f"{error}.") from error
-    if _digest(text) != of_truth:
+    except OSError as error:
+        raise refusal("seal", "must have a truth", hidden, f"{error}.") from error
+    if _digest(text) != sealed.get(TRUTH):
         raise refusal("truth", "must be the one sealed", hidden / TRUTH, "It was changed since.")
-    if _digest(told) != of_families:
-        rule, advice = "must be those sealed", "The diagnosis' table was changed since."
-        raise refusal("families", rule, public / FAMILIES, advice)
+    for name, content in told.items():
+        if _digest(content) != sealed.get(name):
+            rule = f"must be what {public / name} has"
+            advice = "Ask the same of this folder, with the same table, or give another."
+            raise refusal(name, rule, _start(content), advice)
     return case.loads(text.decode())
+
+
+def is_of_this_code(public: Path) -> bool:
+    """Whether what runs now is what was sealed.
+
+    Raises:
+        WithheldError: if there is no seal.
+    """
+    return _sealed(public).get(CODE) == code()
+
+
+def code() -> str:
+    """SHA-256 of all that cases, verdicts and scores follow from, in hexadecimal digits."""
+    found = hashlib.sha256()
+    for package in _PACKAGES:
+        paths = (path for path in (_ROOT / package).rglob("*") if path.suffix in _SUFFIXES)
+        for path in sorted(paths):
+            found.update(f"{path.relative_to(_ROOT)}\n".encode())
+            found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+def _sealed(public: Path) -> dict[str, str]:
+    """Fingerprints by what they are of."""
+    try:
+        lines = (public / SEAL).read_text(encoding="ascii").splitlines()
+        return {name: digest for digest, name in (line.split("  ") for line in lines)}
+    except (OSError, ValueError) as error:
+        raise refusal("seal", "must have fingerprints", public / SEAL, f"{error}.") from error
+
+
+def _start(content: bytes) -> str:
+    text = content.decode()
+    return text if len(text) < 300 else f"{text[:300]} ..."
 
 
 def families(content: bytes) -> dict[str, str]:

@@ -14,6 +14,11 @@ class Source(Protocol):
     """Makes captures of cases, of one set of scenes."""
 
     @property
+    def folder(self) -> Path:
+        """Where what its captures need lies."""
+        ...
+
+    @property
     def sensor(self) -> Path:
         """What the camera is believed to be."""
         ...

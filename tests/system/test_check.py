@@ -29,7 +29,7 @@ from diagnosis import (
 )
 from diagnosis.which.candidates import candidates as all_candidates
 from diagnosis.withheld import __main__ as program
-from diagnosis.withheld import case, catalogue, limits, power, programs, seal, tier
+from diagnosis.withheld import case, catalogue, limits, lock, power, programs, seal, tier
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.check import Check
 from diagnosis.withheld.errors import WithheldError
@@ -193,6 +193,30 @@ def test_a_truth_that_was_changed_is_refused(done):
         truth.write_text(text)
 
 
+def test_a_folder_is_of_what_was_asked_and_of_one_run_at_a_time(done, monkeypatch):
+    one, cases = done
+    with pytest.raises(WithheldError, match=r"asked\.json must be what .*\"cases\": 3"):
+        one.prepared(3)
+    lost = one.sets[0].folder / "whole" / f"{cases[0].number:03d}.json"
+    before = lost.read_text()
+    lost.unlink()
+    with monkeypatch.context() as patch:
+        patch.setattr(seal, "code", lambda: "another")
+        with pytest.raises(WithheldError, match="code must be the one sealed"):
+            one.diagnosed(cases)
+    with (
+        lock.alone(one.sets[0].folder),
+        pytest.raises(WithheldError, match="folder must be worked on by one run at a time"),
+    ):
+        one.diagnosed(cases)
+    sealed = (one.place / seal.SEAL).read_bytes()
+    (one.place / seal.SEAL).unlink()
+    with pytest.raises(WithheldError, match="verdicts must come after the seal"):
+        one.prepared()
+    (one.place / seal.SEAL).write_bytes(sealed)
+    lost.write_text(before)
+
+
 def test_without_infrared_depth_alone_is_diagnosed(done, tmp_path):
     one, _ = done
     few = dataclasses.replace(SMALL, sets=1, counts={"null": 1}, left_out=0)
@@ -202,6 +226,7 @@ def test_without_infrared_depth_alone_is_diagnosed(done, tmp_path):
     cases = bare.prepared()
     bare.diagnosed(cases)
     assert bare.scored(cases)["false_alarm"] == 0
+    assert bare.place == tmp_path / "depth alone" and (bare.place / seal.SEAL).exists()
 
 
 def test_another_matcher_is_noticed_and_is_no_alarm_of_the_image(done, tmp_path):

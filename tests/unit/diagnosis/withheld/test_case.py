@@ -188,34 +188,66 @@ def test_refused_cases(camera: Nominal) -> None:
         case.loads('[{"number": 1, "kind": "null", "settings": {"x": 1}, "seed": 2}]')
 
 
+TOLD = {"families.json": b"{}", "asked.json": b"[1]"}
+
+
 def test_a_seal_holds(tmp_path: Path, camera: Nominal) -> None:
     hidden, public = tmp_path / "hidden", tmp_path / "public"
     drawn = draw(camera, COUNTS, families=FAMILIES, entropy=7)
-    digest = seal.seal(drawn, b"{}", hidden, public)
-    first, second = (public / "truth.sha256").read_text().splitlines()
-    assert first == f"{digest}  truth.json" and second.endswith("  families.json")
-    assert {path.name for path in public.iterdir()} == {"truth.sha256", "families.json"}
-    assert seal.verify(b"{}", hidden, public) == drawn
+    digest = seal.seal(drawn, TOLD, hidden, public)
+    first, *others = (public / "truth.sha256").read_text().splitlines()
+    assert first == f"{digest}  truth.json"
+    assert [line.split("  ")[1] for line in others] == [*TOLD, "code"]
+    assert {path.name for path in public.iterdir()} == {"truth.sha256", *TOLD}
+    assert seal.verify(TOLD, hidden, public) == drawn
+    assert seal.is_of_this_code(public)
+
+
+def test_what_was_begun_and_not_sealed_is_drawn_anew(tmp_path: Path, camera: Nominal) -> None:
+    hidden, public = tmp_path / "hidden", tmp_path / "public"
+    seal.seal(draw(camera, {"null": 2}), TOLD, hidden, public)
+    (public / "truth.sha256").unlink()
+    cases = draw(camera, {"null": 3})
+    seal.seal(cases, TOLD, hidden, public)
+    assert seal.verify(TOLD, hidden, public) == cases
+
+
+def test_another_code_is_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, content in (("sim/a.py", "1"), ("sim/b.toml", "2"), ("diagnosis/a.json", "3")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(content)
+    monkeypatch.setattr(seal, "_ROOT", tmp_path)
+    seal.seal((), TOLD, tmp_path / "hidden", tmp_path / "public")
+    (tmp_path / "sim" / "weights.bin").touch()
+    assert seal.is_of_this_code(tmp_path / "public")
+    (tmp_path / "sim" / "b.toml").write_text("3")
+    assert not seal.is_of_this_code(tmp_path / "public")
 
 
 def test_broken_seals(tmp_path: Path, camera: Nominal) -> None:
     hidden, public = tmp_path / "hidden", tmp_path / "public"
-    with pytest.raises(WithheldError, match="must have a truth and a fingerprint"):
-        seal.verify(b"", hidden, public)
+    with pytest.raises(WithheldError, match="seal must have fingerprints"):
+        seal.verify(TOLD, hidden, public)
     with pytest.raises(WithheldError, match="must be two folders"):
-        seal.seal((), b"", hidden, hidden)
-    seal.seal(draw(camera, {"null": 2}), b"", hidden, public)
+        seal.seal((), TOLD, hidden, hidden)
+    seal.seal(draw(camera, {"null": 2}), TOLD, hidden, public)
     with pytest.raises(WithheldError, match="seal must not be broken"):
-        seal.seal((), b"", hidden, tmp_path / "other")
-    with pytest.raises(WithheldError, match="families must be those sealed"):
-        seal.verify(b"{}", hidden, public)
+        seal.seal((), TOLD, tmp_path / "other", public)
+    for name, rule in (("families.json", "families"), ("asked.json", "asked")):
+        with pytest.raises(WithheldError, match=rf"{rule}.json must be what .* has; got \[2\]"):
+            seal.verify({**TOLD, name: b"[2]"}, hidden, public)
+    with pytest.raises(WithheldError, match=r"got 1{300} \.\.\."):
+        seal.verify({"asked.json": b"1" * 301}, hidden, public)
     truth = hidden / "truth.json"
     truth.write_text(truth.read_text().replace("null", "pair", 1))
     with pytest.raises(WithheldError, match="truth must be the one sealed"):
-        seal.verify(b"", hidden, public)
+        seal.verify(TOLD, hidden, public)
+    truth.unlink()
+    with pytest.raises(WithheldError, match="seal must have a truth"):
+        seal.verify(TOLD, hidden, public)
     (public / "truth.sha256").write_text("none")
-    with pytest.raises(WithheldError, match="must have a truth and a fingerprint"):
-        seal.verify(b"", hidden, public)
+    with pytest.raises(WithheldError, match="seal must have fingerprints"):
+        seal.verify(TOLD, hidden, public)
 
 
 def test_families_are_read_from_what_was_sealed() -> None:

@@ -87,6 +87,11 @@ def test_what_the_camera_has_is_drawn_only_where_it_is_told_how_much(pairs: Real
     assert {"read_noise", "veil"} <= pairs.effects
     assert not {"vignetting", "gamma", "ambient", "body_offset"} & pairs.effects
     assert pairs.upwards == {"lens_blur", "read_noise"}
+    assert {"gain", "black_level"} <= pairs.effects
+    path = pairs.folder / "camera" / "nominal.json"
+    told = json.loads(path.read_text())
+    path.write_text(json.dumps({**told, "has": [*told["has"], "auto_exposure"]}))
+    assert not {"gain", "black_level"} & pairs.effects  # The exposure makes up for them.
 
 
 def test_scenes_without_a_pair_are_refused(pairs: RealPairs, captures: Path) -> None:
