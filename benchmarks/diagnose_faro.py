@@ -8,8 +8,9 @@ Usage:
     STARLING_CAPTURES=... python benchmarks/diagnose_faro.py --out OUT [--residual]
     STARLING_CAPTURES=... python benchmarks/diagnose_faro.py --out OUT --sensor FILE \
         --rooms 4426 5074 k 6422 g --leave-out motion
-    STARLING_CAPTURES=... python benchmarks/diagnose_faro.py --out OUT --set d415-table
-    STARLING_CAPTURES=... python benchmarks/diagnose_faro.py --out OUT --set d415-table --off
+    STARLING_CAPTURES=... python benchmarks/diagnose_faro.py --out OUT --set d415-table --bounds
+    STARLING_CAPTURES=... python benchmarks/diagnose_faro.py --out OUT --set d415-table --bounds \
+        --off
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ import os
 import shutil
 import time
 from pathlib import Path
+
+import cv2
+import numpy as np
 
 from diagnosis.diagnose_captures import as_text, diagnose_captures
 from sim import asked_sensor, capture, progress
@@ -32,6 +36,11 @@ def main() -> None:
     parser.add_argument("--sensor", default="d415")
     parser.add_argument("--rooms", nargs="*", default=[], help="rooms to ask; all if none")
     parser.add_argument("--leave-out", nargs="*", default=[], help="families that are not tried")
+    parser.add_argument(
+        "--bounds",
+        action="store_true",
+        help="leave out a border that the device's depth was cut by before it was published",
+    )
     parser.add_argument("--off", action="store_true", help="the pairs with the projector off")
     parser.add_argument("--residual", action="store_true")
     asked = parser.parse_args()
@@ -40,6 +49,9 @@ def main() -> None:
     part = asked.out / "captures"
     if not part.exists():
         chosen(whole, part, asked.rooms)
+        if asked.bounds:
+            for scene in capture.open_set(part).scenes:
+                bound(scene)
     emitter = "off" if asked.off else None
     sensor = asked_sensor.load(asked.sensor, captures=str(part), emitter=emitter)
     with progress.on_stderr() as tell:
@@ -66,6 +78,15 @@ def chosen(whole: Path, part: Path, rooms: list[str]) -> None:
     for scene in first.values():
         shutil.copytree(scene.path, part / scene.name)
     shutil.copy(whole / "capture.toml", part)
+
+
+def bound(scene: capture.CapturedScene) -> None:
+    """Forget reference depth outside the rectangle in which most rows and columns have depth."""
+    known = np.isfinite(scene.frame(scene.frames[0]).depth_m)
+    rows, columns = known.mean(axis=1) > 0.5, known.mean(axis=0) > 0.5
+    path = str(scene.path / "truth.png")
+    truth = cv2.imread(path, cv2.IMREAD_UNCHANGED)
+    cv2.imwrite(path, np.where(rows[:, None] & columns[None, :], truth, 0).astype(truth.dtype))
 
 
 if __name__ == "__main__":

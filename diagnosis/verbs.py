@@ -27,9 +27,10 @@ def diagnose(
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Say where a simulation differs from real captures, which effect it is, and how far it closes.
+    """Say where a simulation differs from real captures, what that is consistent with, and how far
+    the gap closes.
 
-    Example: starling diagnose captures/d415-faro --sensor my-d415.toml --out out/diagnosis --fix
+    Example: starling diagnose captures/other-rooms --sensor my-d415.toml --out out/diagnosis --fix
 
     Args:
         captures: capture set with reference depth or known geometry, best with infrared pairs.

@@ -182,8 +182,8 @@ def compare(
     Args:
         real: capture set or one scene in it.
         sim: the same scenes, simulated.
-        methods: instead of `sim`: perfect, physics, folders of `starling train`, or hybrid-virtual,
-            network-virtual, which come with the program.
+        methods: instead of `sim`: perfect, physics, folders of `starling train`, or hybrid-varied,
+            network-varied, which come with the program.
         sensor: preset or sensor file, for the methods that build on physics.
         out: NAME.png of the methods' depth images beside the device's.
         seed: of the holes that are drawn.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -44,13 +43,15 @@ def test_readme_code_runs(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("page", TUTORIALS)
 def test_tutorial_commands_run(page: Path, tmp_path: Path) -> None:
-    """All `starling` and `cp` lines of a page, in order and in one folder, as one types them."""
-    lines = [line for block in _blocks(page, "sh") for line in block.splitlines()]
-    commands = [shlex.split(line) for line in lines if line.startswith(("starling ", "cp "))]
-    assert commands
-    ours = (sys.executable, ROOT / "starling.py")
-    for program, *arguments in commands:
-        _run(*(ours if program == "starling" else (program,)), *arguments, cwd=tmp_path)
+    """What a page's shell blocks say, in order and in one folder, as one types it."""
+    program = tmp_path / "bin" / "starling"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{ROOT / "starling.py"}" "$@"\n')
+    program.chmod(0o755)
+    blocks = _blocks(page, "sh")
+    assert blocks
+    script = f'PATH="{program.parent}:$PATH"\n' + "\n".join(blocks)
+    _run("sh", "-e", "-c", script, cwd=tmp_path)
 
 
 def test_conventions_list_every_reason() -> None:

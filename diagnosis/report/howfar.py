@@ -50,12 +50,18 @@ def section(of: Diagnosis) -> str:
     )
     said = (
         f"Measured on {counted(len(of.locked), 'scene')} that had no say in what is named. {tells} "
-        "Floor: that of two simulated captures that differ by noise alone. Closed: before less "
-        "after, over before less floor; above 100 % what is left is less than noise alone would "
+        "Floor: that of two simulated captures that differ by noise alone; matching the same "
+        "images again has none. Closed: before less after, over before less floor; above 100 % "
+        "what is left is less than noise alone would "
         "have it, below 0 % it is more than before."
+    )
+    stand_ins = (
+        "What is named stands in for something unknown: what it closes tells how well it imitates, "
+        "not that it is there."
     )
     return (
         prose(said)
+        + (prose(stand_ins) if of.kind == "none of the known" else "")
         + "".join(_figure(name, one, bound.get(name)) for name, one in of.howfar.figures.items())
         + _shares(of.howfar.shares)
         + learnt

@@ -66,7 +66,7 @@ def lead(arm: Found) -> str:
 
 def _named(one: Accepted) -> str:
     low, high = (number(end) for end in one.interval)
-    said = f"{one.fit.name} {number(one.fit.value)} [{low}, {high}]"
+    said = f"{one.fit.name} {number(one.fit.value)} (90 %: {low} to {high})"
     if one.rivals:
         said += " (not separable from " + ", ".join(rival.name for rival in one.rivals) + ")"
     return said
@@ -76,14 +76,15 @@ def _howfar(of: Diagnosis) -> str:
     if of.howfar is None:
         return "How far it closes was not judged."
     said = [
-        f"{_SUMMARY.get(name, name)} {one.closed_pct:.0f} %{_interval(one)}"
+        f"{_SUMMARY.get(name, name)} {_closed(one)}"
         for name, one in of.howfar.figures.items()
-        if one.closed_pct is not None and (name in _SUMMARY or name.startswith("features"))
+        if name in _SUMMARY or name.startswith("features")
     ]
     scenes = "1 scene" if len(of.locked) == 1 else f"{len(of.locked)} scenes"
     if not said:
         return f"On {scenes} that had no say there was nothing to close."
-    return f"Of the closable gap on {scenes} that had no say: " + ", ".join(said) + "."
+    by = " by stand-ins" if of.kind == "none of the known" else ""
+    return f"Closed of the gap on {scenes} that had no say{by}: " + ", ".join(said) + "."
 
 
 def _residual(of: Diagnosis) -> list[str]:
@@ -104,8 +105,13 @@ def _residual(of: Diagnosis) -> list[str]:
     return [said, f"The effects take over {100 * one.share:.0f} %{ends} of that."]
 
 
-def _interval(one: Closed) -> str:
-    return "" if one.interval is None else f" [{one.interval[0]:.0f}, {one.interval[1]:.0f}]"
+def _closed(one: Closed) -> str:
+    if one.closed_pct is None:
+        return "not identifiable"
+    said = f"{one.closed_pct:.0f} %"
+    if one.interval is None:
+        return said
+    return f"{said} (95 %: {one.interval[0]:.0f} to {one.interval[1]:.0f})"
 
 
 def number(value: Value) -> str:

@@ -249,6 +249,7 @@ def _rows(rows: tuple[Row, ...], named: Words) -> str:
     head = ["By", "Bin", "Gap in holes", "95 %", "Of the pixels", "Of the gap", "Chance"]
     return table(head, cells, words=2) + prose(
         f"Gap: pixels without depth, {named.pair[0]} less {named.pair[1]}. Chance: of as large a "
-        "gap in any bin, were the signs of rooms arbitrary.",
+        "gap in any bin, were the signs of rooms arbitrary; n rooms cannot make it less than 2 of "
+        "2^n.",
         quiet=True,
     )

@@ -37,14 +37,15 @@ def _arm(arm: Found) -> str:
     return (
         f"<h3>In {escape(stage)}</h3>"
         + prose(said)
-        + _accepted(arm.search.accepted)
+        + _accepted(arm)
         + _lead(arm)
         + _groups(arm)
         + f"<h4>Held-out gain of single effects, each alone</h4>{_alone(arm)}"
     )
 
 
-def _accepted(accepted: tuple[Accepted, ...]) -> str:
+def _accepted(arm: Found) -> str:
+    accepted = arm.search.accepted
     if not accepted:
         return prose("No effect is accepted here.")
     rows = []
@@ -61,15 +62,18 @@ def _accepted(accepted: tuple[Accepted, ...]) -> str:
                 number(one.fit.total, ".1f"),
             ]
         )
-    head = ["Consistent with", "Value", "90 %", "Unit", "Base", "Held-out gain"]
-    sets = "".join(f"<li>{_set(one)}</li>" for one in accepted)
+    role = "Stand-in" if arm.unexplained else "Consistent with"
+    head = [role, "Value", "90 % interval", "Unit", "Base", "Held-out gain"]
+    sets = "".join(f"<li>{_set(one, stand_in=arm.unexplained)}</li>" for one in accepted)
     return f"{table(head, rows)}<ul>{sets}</ul>"
 
 
-def _set(one: Accepted) -> str:
+def _set(one: Accepted, *, stand_in: bool) -> str:
     effect, _ = setting.parameter_of(one.fit.name)
     name = f"<b>{escape(one.fit.name)}</b>"
     imitates = f'<br><span class="quiet">It imitates: {escape(effect.imitates)}</span>'
+    if not one.rivals and stand_in:
+        return f"{name} takes part of the gap away and does not explain it.{imitates}"
     if not one.rivals:
         return f"{name} is separable from the other effects that were looked at closely.{imitates}"
     rivals = ", ".join(
@@ -110,7 +114,7 @@ def _alike(arm: Found) -> str:
         "scene after that; deviations left, those first that are off most and have most votes."
     )
     rows = [
-        [escape(name), number(min(each), ".1f"), number(max(each), ".1f")]
+        [f"<code>{escape(name)}</code>", number(min(each), ".1f"), number(max(each), ".1f")]
         for name, each in found[:GROUPS]
     ]
     return f"<h4>Off alike in every scene</h4>{prose(said)}{table(['Of', 'Least', 'Most'], rows)}"
@@ -121,9 +125,9 @@ def _alone(arm: Found) -> str:
     gaining = [one for one in found.alone if one.total > 0][:ALONE]
     above = sum(one.total >= found.threshold for one in found.alone)
     said = (
-        f"Gain in log likelihood on scenes that an effect was not fitted to. Of "
-        f"{counted(len(found.alone), 'effect')} tried, {above} gain at least the threshold "
-        f"{number(found.threshold, '.1f')} (dashed line) alone."
+        "Gain in log likelihood on scenes that an effect was not fitted to; 3 are odds of 20 to 1. "
+        f"Of {counted(len(found.alone), 'parameter')} of effects tried, {above} gain at least the "
+        f"threshold {number(found.threshold, '.1f')} (dashed line) alone."
     )
     if not gaining:
         return prose(said, "None gains anything.")

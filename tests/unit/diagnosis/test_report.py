@@ -265,7 +265,7 @@ def test_how_far_has_its_numbers():
     assert f"before {MINUS}2.5 after {MINUS}3.5 floor {MINUS}3" in text
     assert "Not identifiable" in text and "before \N{EN DASH} after" in text
     assert "lens_blur 81 %" in text
-    assert "on 1 scene that had no say: holes (Brier score) 67 % [41, 83]." in text
+    assert "on 1 scene that had no say: holes (Brier score) 67 % (95 %: 41 to 83)." in text
     assert "on 2 scenes that" in page(diagnosis(locked=NAMES[:2]))
 
 
@@ -290,6 +290,8 @@ def test_none_of_the_known_is_a_verdict_and_leads():
         "None of the known effects explains what is left here. It shows in the right image against "
         "the left, by x, brightness." in text
     )
+    assert "Stand-in" in text and "Consistent with" not in text.split("Which")[-1]
+    assert "stands in for something unknown" in text and "by stand-ins: holes" in text
     assert "what is left here" not in Reader(page(FULL)).text
 
 
