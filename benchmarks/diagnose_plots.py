@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
 from diagnosis.report.groups import told as told_as
+from diagnosis.report.howfar import TITLES
 from sim import canvas
 
 Reports = Mapping[str, Mapping[str, Any]]
@@ -54,7 +56,8 @@ def parts(reports: Reports) -> bytes:
             places = np.arange(len(reports)) + (turn - (len(STAGES) - 1) / 2) * width
             axes.bar(places, scale * np.array(heights), width, label=told)
         axes.axhline(0, color="0.4", linewidth=0.8)
-        axes.set_xticks(range(len(reports)), list(reports), fontsize=8)
+        labels = [name.replace(", ", "\n") for name in reports]
+        axes.set_xticks(range(len(reports)), labels, fontsize=7)
         axes.set_title(title, fontsize=9)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
@@ -68,60 +71,76 @@ def places(reports: Reports) -> bytes:
     for row, (quantity, (title, scale)) in zip(rows, MAPS.items(), strict=True):
         maps = [_map(one, quantity) * scale for one in reports.values()]
         limit = max(float(np.nanpercentile(np.abs(one), 98)) for one in maps)
-        colours = ScalarMappable(Normalize(-limit, limit), "RdBu_r")
+        shades = colormaps["RdBu_r"].with_extremes(bad="0.8")  # Grey: not known.
+        colours = ScalarMappable(Normalize(-limit, limit), shades)
         for axes, label, one in zip(row, reports, maps, strict=True):
             axes.imshow(one, cmap=colours.cmap, norm=colours.norm, extent=(0, 16, 0, 9))
             axes.set_axis_off()
-            axes.set_title(f"{label}: {title}", fontsize=9)
-        figure.colorbar(colours, ax=row, shrink=0.8)
+            axes.set_title(label, fontsize=9)
+        bar = figure.colorbar(colours, ax=row, shrink=0.9, extend="both")
+        bar.set_label(title, fontsize=8)
     return canvas.encoded(figure)
 
 
 def gaps(reports: Reports) -> bytes:
-    """Draw what is left of each figure's gap, of what was there above its floor."""
+    """Draw what is closed of each figure's gap above its floor."""
     names = list(dict.fromkeys(name for one in reports.values() for name in one["howfar"]))
-    figure = canvas.empty((8, 0.5 + 0.45 * len(names)), DPI, layout="constrained")
+    figure = canvas.empty((8, 0.8 + 0.45 * len(names)), DPI, layout="constrained")
     axes = figure.subplots()
     height = 0.8 / len(reports)
     for turn, (label, one) in enumerate(reports.items()):
+        axes.barh([0], [0], height, color=f"C{turn}", label=label)
         for row, name in enumerate(names):
             told = one["howfar"].get(name)
-            if not told or told["closed_pct"] is None:
-                continue
             place = row + (turn - (len(reports) - 1) / 2) * height
-            axes.barh(place, told["closed_pct"], height, color=f"C{turn}", label=label)
+            if not told or told["closed_pct"] is None:
+                axes.text(0, place, " not identifiable", va="center", fontsize=6, color="0.4")
+                continue
+            axes.barh(place, told["closed_pct"], height, color=f"C{turn}")
+            axes.text(
+                max(told["closed_pct"], 0),
+                place,
+                f" {told['closed_pct']:.0f}",
+                va="center",
+                fontsize=7,
+            )
             if told["interval"]:
                 axes.plot(told["interval"], (place, place), color="0.2", linewidth=1.2)
-    axes.set_yticks(range(len(names)), names)
+    axes.set_yticks(range(len(names)), [TITLES.get(name, name) for name in names], fontsize=8)
     axes.invert_yaxis()
-    axes.set_xlim(-100, 120)
+    axes.set_xlim(-60, 110)
     axes.axvline(0, color="0.4", linewidth=0.8)
-    axes.set_xlabel("closed, of before less floor [%]")
-    handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    axes.legend(handles.values(), handles.keys(), frameon=False, loc="lower left")
+    axes.set_xlabel("closed, of before less floor [%]", fontsize=8)
+    figure.legend(loc="outside lower center", ncols=len(reports), frameon=False, fontsize=8)
     return canvas.encoded(figure)
 
 
 def groups(reports: Reports) -> bytes:
-    """Draw which features a gap is made of, before and after, in each half of the chain."""
+    """Draw which features a gap is made of, before and after, in each half of the chain.
+
+    Sizes of gaps from different sensors do not compare, so each has axes of its own.
+    """
     arms = [arm for arm in ARMS if any(arm in one["which"] for one in reports.values())]
-    figure = canvas.empty((5.2 * len(arms), 0.6 + 0.34 * GROUPS), DPI, layout="constrained")
-    for axes, arm in zip(figure.subplots(1, len(arms), squeeze=False)[0], arms, strict=True):
+    size = (2.6 + 2.4 * len(reports), (0.6 + 0.2 * GROUPS) * len(arms))
+    figure = canvas.empty(size, DPI, layout="constrained")
+    rows = figure.subplots(len(arms), len(reports), squeeze=False, sharey="row")
+    for row, arm in zip(rows, arms, strict=True):
         told = {name: one["which"][arm]["by_group"] for name, one in reports.items()}
         known = {name for by_group in told.values() for name in by_group}
         names = sorted(known, key=lambda name: -_largest(told.values(), name))[:GROUPS]
-        height = 0.8 / len(reports)
-        for turn, (label, by_group) in enumerate(told.items()):
-            places = np.arange(len(names)) + (turn - (len(told) - 1) / 2) * height
+        row[0].set_yticks(range(len(names)), [told_as(name) for name in names], fontsize=8)
+        row[0].invert_yaxis()
+        for axes, (label, by_group) in zip(row, told.items(), strict=True):
             sizes = [by_group.get(name, {"before": 0.0, "after": 0.0}) for name in names]
             before, after = ([one[when] for one in sizes] for when in ("before", "after"))
-            axes.barh(places, before, height, color=f"C{turn}", alpha=0.35)
-            axes.barh(places, after, height, color=f"C{turn}", label=label)
-        axes.set_yticks(range(len(names)), [told_as(name) for name in names], fontsize=8)
-        axes.invert_yaxis()
-        axes.set_title(ARMS[arm], fontsize=9)
-        axes.set_xlabel("parts of the gap's size: pale before, full after", fontsize=8)
-        axes.legend(frameon=False, loc="lower right")
+            axes.barh(range(len(names)), before, 0.8, color="0.8", label="before")
+            axes.barh(range(len(names)), after, 0.35, color="C0", label="after")
+            axes.set_title(f"{ARMS[arm]}\n{label}", fontsize=8)
+            axes.tick_params(axis="x", labelsize=7)
+    for axes in rows[-1]:
+        axes.set_xlabel("part of the gap's size", fontsize=8)
+    handles, labels = rows[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
     return canvas.encoded(figure)
 
 

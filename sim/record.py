@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import hashlib
 import importlib.metadata
 import json
 import math
@@ -28,6 +30,21 @@ def versions() -> dict[str, str]:
     # Missing: run from a source tree, or not needed.
     found = {name: _version(name) or "not installed" for name in (*_PACKAGES, opencv)}
     return {"python": platform.python_version(), **found}
+
+
+@functools.cache
+def code(*paths: Path) -> str:
+    """SHA-256 of Python sources, in hexadecimal digits: what was made by others is made again.
+
+    Args:
+        paths: files, and folders with all below them.
+    """
+    found = hashlib.sha256()
+    for path in paths:
+        for one in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            found.update(f"{one.relative_to(path.parent)}\n".encode())
+            found.update(one.read_bytes())
+    return found.hexdigest()
 
 
 def _version(name: str) -> str | None:

@@ -11,7 +11,7 @@ from diagnosis.report import residual
 from diagnosis.report.elements import Bar, Kind, chart, interval, prose
 
 _KINDS: dict[str, Kind] = {"after": "second", "floor": "part", "bound": "third"}
-_TITLES = {
+TITLES = {
     "ndp_brier": "Holes: Brier score",
     "ndp_1_auc": "Holes: 1 less area under the curve",
     "ndp_ece": "Holes: calibration error",
@@ -84,8 +84,8 @@ def _bars(**values: float | None) -> str:
 
 
 def _title(name: str) -> str:
-    if name in _TITLES:
-        return f"{escape(_TITLES[name])} <code>{escape(name)}</code>"
+    if name in TITLES:
+        return f"{escape(TITLES[name])} <code>{escape(name)}</code>"
     return escape(name.capitalize())
 
 

@@ -32,7 +32,13 @@ Make = Callable[..., Row | None]  # Of a subject, columns and more.
 _BASE = "[]"  # What rows without effects are kept as.
 _OTHERS = (1, 2, 3)  # Devices, and seeds, in which effects are drawn anew,
 _RENDERED = (1,)  # or where each of them has to be rendered, which takes most of the time.
-_MADE = 7  # Of the features: another number, and what is kept is made again.
+# What rows follow from: where any of it is another, they are made again.
+_HOUSE = Path(__file__).parents[2]
+_SOURCES = (
+    *(_HOUSE / name for name in ("calibration", "patterns", "sim")),
+    *(_HOUSE / "diagnosis" / name for name in ("features", "ground.py", "reading.py")),
+    *(_HOUSE / "diagnosis" / name for name in ("nuisances.py", "subject.py", "which/bench.py")),
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -329,7 +335,14 @@ def _features(arm: Arm, reading: Reading, subject: Subject, ceiling: float) -> d
 
 def _digest(subject: Subject, columns: Columns, base: Row) -> str:
     """Name of all that rows of a scene follow from; by the base's row also what else has a part."""
-    what = (_MADE, record.versions(), columns, subject.name, subject.frames, subject.sensor)
+    what = (
+        record.code(*_SOURCES),
+        record.versions(),
+        columns,
+        subject.name,
+        subject.frames,
+        subject.sensor,
+    )
     found = hashlib.sha256(repr(what).encode())
     for image in (subject.ground.expected, subject.ground.disparity_px, base):
         found.update(np.ascontiguousarray(image).tobytes())

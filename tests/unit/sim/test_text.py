@@ -93,3 +93,26 @@ def test_progress_speaks_only_of_long_work(
     with progress.on_stderr() as tell:
         assert list(tell([1, 2], "count")) == [1, 2]
     assert capsys.readouterr().out == ""
+
+
+def test_another_code_has_another_fingerprint(tmp_path):
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    (inner / "a.py").write_text("1")
+    (tmp_path / "b.py").write_text("2")
+    (inner / "notes.md").write_text("3")
+
+    def found() -> str:
+        record.code.cache_clear()
+        return record.code(inner, tmp_path / "b.py")
+
+    first = found()
+    (inner / "notes.md").write_text("4")
+    assert found() == first
+    for path in (inner / "a.py", tmp_path / "b.py"):
+        text = path.read_text()
+        path.write_text("other")
+        assert found() != first
+        path.write_text(text)
+    (inner / "a.py").rename(inner / "c.py")
+    assert found() != first
