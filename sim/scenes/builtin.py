@@ -68,7 +68,7 @@ def named(name: str, number: str) -> Scene:
         InputError: if the name is unknown or the number is none, or too small.
     """
     errors.one_of("scene", name, BUILTIN)
-    maker, meaning, least = BUILTIN[name]
+    maker, meaning, _ = BUILTIN[name]
     if not number:
         return maker()
     try:
@@ -77,8 +77,19 @@ def named(name: str, number: str) -> Scene:
         raise errors.refuse(
             "scene", f"must be {name}:NUMBER", repr(f"{name}:{number}"), f"It is the {meaning}."
         ) from None
-    errors.in_interval(f"{name}'s {meaning}", value, least, 2**31 if least == 0 else 50.0)
+    refuse_number(name, value)
     return maker(value)
+
+
+def refuse_number(name: str, value: float) -> None:
+    """Refuse what `NAME:NUMBER` cannot be.
+
+    Raises:
+        InputError: if the name is unknown, or the number is none, or too small or large.
+    """
+    errors.one_of("scene", name, BUILTIN)
+    _, meaning, least = BUILTIN[name]
+    errors.in_interval(f"{name}'s {meaning}", value, least, 2**31 if least == 0 else 50.0)
 
 
 def _on_table(

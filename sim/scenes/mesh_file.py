@@ -33,14 +33,19 @@ def load(path: Path, sensor: Sensor, world_from_left: frames.Pose | None = None)
     """
     bodies = tuple(
         Body(name=name, mesh=solids.mesh(part, smooth=False), material=_SURFACE)
-        for name, part in _parts(path)
+        for name, part in parts(path)
     )
     pose = _front(bodies, sensor) if world_from_left is None else world_from_left
     up = Ambient(up=(0.0, 1.0, 0.0))
     return Scene(name=path.stem, bodies=bodies, ambient=up, world_from_left=pose)
 
 
-def _parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
+def parts(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
+    """Name and triangles of each part of a mesh file, placed in its frame.
+
+    Raises:
+        InputError: missing, corrupt or empty file.
+    """
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # Its refusals are ours below.
     if not path.is_file():
         raise errors.refuse("scene", "must be a file that exists", path, "Check the path.")
