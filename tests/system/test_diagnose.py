@@ -313,9 +313,8 @@ def test_at_a_wall_the_camera_moves_and_light_is_as_in_the_scene(place):
     one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
     (wall,) = [each for each in MENU if "wall" in each.text]
     assert tell_apart(one, {"sunlight": 5.0}, {}, Arm.IMAGE, menu=[wall])[0].enough
-    rivals = {"sunlight": 5.0}, {"sunlight": 5.0, "model_shift": 0.002}
-    (told,) = tell_apart(one, *rivals, Arm.IMAGE, menu=[wall])
-    assert told.deviations == pytest.approx(0)  # Where the scene truly stands stays with it.
+    moved = {"sunlight": 5.0, "model_shift": 0.002}  # Where the scene truly stands stays with it.
+    assert tell_apart(one, {"sunlight": 5.0}, moved, Arm.IMAGE, menu=[wall])[0].deviations < 1e-9
 
 
 def test_what_a_capture_switches_off_no_rival_switches_on(place):
