@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from diagnosis import crew, families, named, program
+from diagnosis import families, named, program
 from diagnosis.named import Named
 from diagnosis.reading import Reading, read
 from diagnosis.report import figures
@@ -34,6 +34,7 @@ from patterns.errors import refuse
 from sim import asked_sensor, capture, effects, output, progress, record
 from sim.capture import CapturedScene, CaptureSet
 from sim.sensor import Sensor
+from sim.threads import single_threaded
 
 Kept = dict[Arm, tuple[Bench, Screen]]
 
@@ -205,7 +206,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="JSON file: by capture set an effect whose family is not to be tried; others wait",
     )
     asked = parser.parse_args(arguments)
-    crew.alone()
+    single_threaded()
     return program.run(
         lambda tell: diagnose(
             asked.cases,

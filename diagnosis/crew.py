@@ -12,6 +12,7 @@ from typing import Any
 
 from diagnosis.nuisances import Nuisances
 from sim.sensor import Sensor
+from sim.threads import single_threaded
 
 _MOST = 8
 _held: dict[str, Any] = {}  # Of a process: its subjects by name.
@@ -73,17 +74,6 @@ class Crew:
             pool.shutdown(cancel_futures=True)
 
 
-def alone() -> None:
-    """Let this process use one core, as others use the rest."""
-    import cv2
-
-    from sim import backend
-
-    cv2.setNumThreads(1)
-    if backend.is_jit():
-        backend.drjit().set_thread_count(1)
-
-
 def _begin(
     captures: Path,
     sensor: Sensor,
@@ -95,7 +85,7 @@ def _begin(
     from diagnosis.subject import subject
     from sim import capture
 
-    alone()
+    single_threaded()
     other = None if against is None else capture.open_set(against)
     for one, beside in scene_pairs(capture.open_set(captures), other).pairs:
         if one.name in scenes:

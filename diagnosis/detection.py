@@ -19,7 +19,7 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
-from diagnosis import crew, named, program
+from diagnosis import named, program
 from diagnosis.subject import subject
 from diagnosis.which import null
 from diagnosis.which.arm import Screen
@@ -31,6 +31,7 @@ from diagnosis.which.signature import Signature, signature, with_node
 from sim import asked_sensor, capture, effects, progress
 from sim.effects.effect import Value
 from sim.sensor import Sensor
+from sim.threads import single_threaded
 
 POWER = 0.5
 _STEPS = 16  # Strengths tried between two nodes.
@@ -200,7 +201,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--cache", type=Path, help="folder that keeps what is simulated")
     parser.add_argument("--effects", nargs="+", help="that are asked about; all if none is named")
     asked = parser.parse_args(arguments)
-    crew.alone()
+    single_threaded()
 
     def work(tell: progress.Progress) -> None:
         sensor = asked_sensor.load(asked.sensor, captures=str(asked.captures[0]))

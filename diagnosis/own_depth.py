@@ -15,13 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from diagnosis import crew, program
+from diagnosis import program
 from diagnosis.reading import measured
 from patterns.errors import refuse
 from sim import capture, output, png, progress, sensors
 from sim.capture import CapturedScene
 from sim.depth import to_code
 from sim.sensor import Sensor
+from sim.threads import single_threaded
 
 DEPTH = "depth.png"
 
@@ -62,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("cases", type=Path, help="folder of capture sets")
     parser.add_argument("--sensor", required=True, help="preset or sensor file of all of them")
     asked = parser.parse_args(arguments)
-    crew.alone()
+    single_threaded()
     return program.run(lambda tell: write(asked.cases, sensors.load(asked.sensor), tell=tell))
 
 

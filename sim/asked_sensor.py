@@ -41,7 +41,9 @@ def load(
     """
     sensor = sensors.load(name)
     if capture.is_capture(captures):
-        info = capture.open_set(captures).info
+        asked = capture.open_set(captures)
+        asked.refuse_mixed()
+        info = asked.info
         if not (name.endswith(".toml") and info.are_of(sensor)):
             sensor = info.geometry_into(sensor)
     if device_preset is not None or emitter is not None:

@@ -128,11 +128,26 @@ class CapturedScene:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CaptureSet:
-    """A folder of captures of one device."""
+    """A folder of captures of one device; of several where scenes have cameras of their own."""
 
     path: Path
-    info: CaptureInfo
+    info: CaptureInfo  # Of the set; a scene's own may be another.
     scenes: tuple[CapturedScene, ...]  # Sorted by name.
+
+    def refuse_mixed(self) -> None:
+        """Refuse scenes whose cameras are not the set's.
+
+        Raises:
+            InputError: naming the first such scene.
+        """
+        for scene in self.scenes:
+            if scene.info != self.info:
+                raise errors.refuse(
+                    "captures",
+                    "must be of one camera here",
+                    f"{scene.path} with a {capture_info.OWN} of its own",
+                    "Give one scene, or a set of one camera.",
+                )
 
 
 def is_capture(path: Path | str) -> bool:
@@ -144,7 +159,8 @@ def is_capture(path: Path | str) -> bool:
 def open_set(path: Path | str) -> CaptureSet:
     """Open a capture set, or one scene folder in it as a set of that scene alone.
 
-    Only the text files are read; images are read by `CapturedScene.frame` and `truth_m`.
+    Only the text files are read; images are read by `CapturedScene.frame` and `truth_m`. A scene
+    folder with a `camera.toml`, of the same keys as `capture.toml`, is of another camera.
 
     Raises:
         InputError: if the folder is missing or no capture set, `capture.toml` is refused, or a
@@ -175,7 +191,8 @@ def open_set(path: Path | str) -> CaptureSet:
         return CaptureSet(path=path, info=info, scenes=scenes)
     if (path.parent / capture_info.FILE).is_file():
         info = capture_info.read(path.parent / capture_info.FILE)
-        return CaptureSet(path=path.parent, info=info, scenes=(_scene(path, info),))
+        scene = _scene(path, info)
+        return CaptureSet(path=path.parent, info=scene.info, scenes=(scene,))
     raise errors.refuse(
         "captures",
         "must be a capture set",
@@ -190,6 +207,8 @@ def _scene(path: Path, info: CaptureInfo) -> CapturedScene:
         raise errors.refuse(
             "scene", "must hold a frame folder", path, "Name it 0: SCENE/0/ir_left.png and so on."
         )
+    own = path / capture_info.OWN
+    info = capture_info.read(own) if os.path.lexists(own) else info
     room = path / "room"
     name = _text(room).strip() if os.path.lexists(room) else path.name
     return CapturedScene(

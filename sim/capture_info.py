@@ -19,6 +19,7 @@ from sim.pinhole import Pinhole
 from sim.sensor import Sensor
 
 FILE = "capture.toml"
+OWN = "camera.toml"  # The same of one scene alone, in its folder.
 _Row = tuple[float, float, float, float]
 
 

@@ -12,7 +12,7 @@ from sim import capture_info, exr, frames, png, record, scene_file, sensors
 from sim.capture_info import CaptureInfo
 from sim.depth import DepthMap, to_code
 from sim.layers import Layers
-from sim.output import RECORD, OutputFolder
+from sim.output import RECORD, Folder
 from sim.pinhole import Pinhole
 from sim.png import GreyImage
 from sim.reason import Reason
@@ -54,7 +54,7 @@ def _colour(sensor: Sensor) -> dict[str, Any]:
 
 
 def write_set(
-    folder: OutputFolder,
+    folder: Folder,
     info: CaptureInfo,
     sensor: Sensor,
     *,
@@ -91,7 +91,7 @@ def write_set(
 
 
 def write_scene(
-    folder: OutputFolder,
+    folder: Folder,
     scene: str,
     *,
     room: str,
@@ -117,7 +117,7 @@ def write_scene(
 
 
 def write_frame(
-    folder: OutputFolder,
+    folder: Folder,
     scene: str,
     number: int,
     *,

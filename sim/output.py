@@ -10,12 +10,25 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
+from typing import Protocol
 
 from patterns import errors
 
 RECORD = (
     "starling.json"  # What every verb leaves in its folder; --force replaces only such folders.
 )
+
+
+class Folder(Protocol):
+    """What takes files by name."""
+
+    def write(self, name: str, data: bytes | str) -> None:
+        """Take one file; text is UTF-8."""
+        ...
+
+    def write_by(self, name: str, writer: Callable[[Path], object]) -> None:
+        """Take what `writer` writes at the path it is given."""
+        ...
 
 
 class OutputFolder:
@@ -44,7 +57,7 @@ class OutputFolder:
         """
         _refuse_occupied(self.path, force=self._force)
         try:
-            with _refused(self.path):
+            with refused(self.path):
                 self._made_parents = _missing_parents(self.path)
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 self.path.exists()  # A name that is too long shows only now that parents exist.
@@ -75,7 +88,7 @@ class OutputFolder:
     def write_by(self, name: str, writer: Callable[[Path], object]) -> None:
         """Let `writer` write one file at the path it is given; refuses as `write` does."""
         path = self._partial / name
-        with _refused(self.path):
+        with refused(self.path):
             path.parent.mkdir(parents=True, exist_ok=True)
             writer(path)
 
@@ -88,7 +101,7 @@ class OutputFolder:
         """Put the folder in its place, or remove every trace of it after an exception."""
         try:
             if kind is None:
-                with _refused(self.path):
+                with refused(self.path):
                     _replace_folder(self._partial, self.path, force=self._force)
         finally:
             if self._partial.exists():
@@ -108,7 +121,7 @@ def write_file(path: Path | str, data: bytes, *, force: bool = False) -> None:
     path = _resolved(path)
     refuse_taken(path, force=force)
     partial = _hidden_beside(path, "partial")
-    with _refused(path):
+    with refused(path):
         made_parents = _missing_parents(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -172,7 +185,7 @@ def refuse_taken(path: Path, *, force: bool) -> None:
     Raises:
         InputError: if it is a folder, or exists and `force` is not given.
     """
-    with _refused(path):
+    with refused(path):
         is_folder, exists = path.is_dir(), path.exists()
     if is_folder:
         raise errors.refuse("out", "must be a file", f"the folder {path}", "Add a file name.")
@@ -181,7 +194,7 @@ def refuse_taken(path: Path, *, force: bool) -> None:
 
 
 def _refuse_occupied(path: Path, *, force: bool) -> None:
-    with _refused(path):
+    with refused(path):
         is_file = path.exists() and not path.is_dir()
         occupied = path.is_dir() and any(path.iterdir())
         replaceable = occupied and (path / RECORD).is_file()
@@ -218,7 +231,7 @@ def _replace_folder(new: Path, path: Path, *, force: bool) -> None:
 
 
 @contextmanager
-def _refused(path: Path) -> Iterator[None]:
+def refused(path: Path) -> Iterator[None]:
     """Turn what the operating system says while writing into a refusal."""
     try:
         yield

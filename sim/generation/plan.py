@@ -16,7 +16,7 @@ from sim.generation.source import Source
 from sim.generation.source import read as read_source
 from sim.generation.table import place, refuse_unknown, text, weight
 
-Layer = Literal["infrared", "depth", "truth", "rgb", "exr"]
+Layer = Literal["infrared", "truth", "rgb", "exr"]  # Depth is always kept.
 Missing = Literal["stop", "skip"]
 
 LAYERS: tuple[Layer, ...] = get_args(Layer)
@@ -50,7 +50,7 @@ class Plan:
     views: int = 1  # Of each scene.
     frames: int = 1  # Repeats of each view.
     samples: int = 0  # Paths a coarse pixel of indirect light; 0 takes none.
-    layers: tuple[Layer, ...] = ("infrared", "depth", "truth")
+    layers: tuple[Layer, ...] = ("infrared", "truth")
     missing: Missing = "stop"  # What a scene's file that is not there does to the run.
     sources: tuple[Source, ...]
     sensors: tuple[SensorPlan, ...]
@@ -69,7 +69,7 @@ def read(path: Path) -> Plan:
         InputError: if it is missing or no TOML, has keys that are unknown, nearest name first, or a
             range that no sensor can have. Paths in it start at its own folder.
     """
-    return toml_file.read(path, lambda table: from_table(table, path.parent))
+    return toml_file.read(path, lambda table: from_table(table, path.absolute().parent))
 
 
 def from_table(table: Mapping[str, Any], folder: Path) -> Plan:
@@ -90,7 +90,7 @@ def from_table(table: Mapping[str, Any], folder: Path) -> Plan:
     errors.one_of("missing", missing, get_args(Missing))
     return Plan(
         **numbers,
-        layers=_layers(table.get("layers", ["infrared", "depth", "truth"])),
+        layers=_layers(table.get("layers", ["infrared", "truth"])),
         missing=missing,
         sources=tuple(
             read_source(one, folder, f"source {number}")

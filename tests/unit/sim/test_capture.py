@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from patterns.errors import InputError
-from sim import capture, capture_info
+from sim import asked_sensor, capture, capture_info
 
 
 def _change(path: Path, old: str, new: str) -> None:
@@ -225,3 +226,20 @@ def test_geometry_goes_into_a_sensor(small_set: Path) -> None:
     info = capture.open_set(small_set).info
     sensor = info.geometry_into(sensors.load("d415"))
     assert (sensor.width, sensor.fx_px, sensor.baseline_m) == (160, 90.0, 0.05)
+
+
+def test_a_scene_may_have_a_camera_of_its_own(small_set: Path) -> None:
+    captures = capture.open_set(small_set)
+    captures.refuse_mixed()
+    scene = captures.scenes[0]
+    other = dataclasses.replace(captures.info, fx_px=captures.info.fx_px * 1.1, sensor="another")
+    (scene.path / "camera.toml").write_text(capture_info.dumps(other))
+    mixed = capture.open_set(small_set)
+    assert mixed.scenes[0].info == other and mixed.info == captures.info
+    alone = capture.open_set(scene.path)
+    assert alone.info == other
+    alone.refuse_mixed()
+    with pytest.raises(InputError, match=r"captures must be of one camera here; got .*camera.toml"):
+        mixed.refuse_mixed()
+    with pytest.raises(InputError, match="captures must be of one camera here"):
+        asked_sensor.load("d435", captures=str(small_set))

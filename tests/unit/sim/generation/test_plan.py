@@ -24,7 +24,7 @@ SMALL: dict[str, Any] = {
     "scenes": 40,
     "views": 3,
     "frames": 2,
-    "layers": ["depth", "infrared"],
+    "layers": ["truth", "infrared"],
     "source": [
         {"kind": "builtin", "scene": "clutter", "number": {"low": 0, "high": 999, "whole": True}},
         {"kind": "builtin", "scene": "wall", "number": {"low": 0.5, "high": 3}, "weight": 0.5},
@@ -86,7 +86,7 @@ def test_a_plan_is_read_from_its_file(tmp_path: Path):
     path.write_text(tomli_w.dumps(SMALL))
     found = plans.read(path)
     assert found == plan() and found.count == 240
-    assert found.layers == ("infrared", "depth") and found.missing == "stop"
+    assert found.layers == ("infrared", "truth") and found.missing == "stop"
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_a_plan_is_read_from_its_file(tmp_path: Path):
         ({"scenes": 0}, r"scenes must be in \[1"),
         ({"scenes": 1.5}, "scenes must be a whole number"),
         ({"layers": []}, "layers must list"),
-        ({"layers": ["depht"]}, "layer must be a known name; got 'depht'. Known: depth"),
+        ({"layers": ["thruth"]}, "layer must be a known name; got 'thruth'. Known: truth"),
         ({"missing": "ignore"}, "missing must be a known name"),
         ({"source": []}, "source must be one table or more"),
         ({"source": [{"kind": "bultin"}]}, "source 1.kind must be a known name"),

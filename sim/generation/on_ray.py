@@ -1,0 +1,97 @@
+"""Tasks made by a Ray cluster: what a node had not finished when it died is made by another.
+
+Ray deals tasks, restarts those that were lost, and holds what comes back; a frame is made by the
+same code as on one machine. Nodes need the project installed, and files of a plan where they stand.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import socket
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from patterns import errors
+from sim.capture_info import CaptureInfo
+from sim.generation.plan import Plan
+from sim.generation.task import Made, Task, Worker
+from sim.threads import single_threaded
+
+_AHEAD = 2  # Tasks for each core that are under way: what comes back must not pile up.
+_PATIENCE_S = 5.0  # For a cluster's address to answer.
+
+_kept: dict[str, Worker] = {}  # Of a process of the cluster: that of the plan it saw last.
+
+
+def made(
+    plan: Plan, info: CaptureInfo, out: Path, tasks: Sequence[Task], address: str
+) -> Iterator[Made]:
+    """Make tasks, and give them as they come.
+
+    Args:
+        plan, info, out: as `taken.take`.
+        tasks: of the plan.
+        address: HOST:PORT of a cluster, or `local` for one on this machine that ends with the run.
+
+    Raises:
+        InputError: as `Worker.make`, or if Ray is not installed or the address does not answer.
+    """
+    ray = _ray()
+    _refuse_silent(address)
+    ray.init(address=address, log_to_driver=False, include_dashboard=False, logging_level="ERROR")
+    try:
+        asked = pickle.dumps((plan, info, out))
+        work = ray.remote(num_cpus=1, max_retries=-1)(_make)
+        given, key = ray.put(asked), hashlib.sha256(asked).hexdigest()
+        most = _AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
+        waiting = list(tasks)[::-1]
+        running: list[Any] = []
+        while waiting or running:
+            while waiting and len(running) < most:
+                running.append(work.remote(key, given, waiting.pop()))
+            ready, running = ray.wait(running, num_returns=1)
+            yield _result(ray, ready[0])
+    finally:
+        ray.shutdown()
+
+
+def _make(key: str, asked: bytes, task: Task) -> Made:
+    if key not in _kept:
+        single_threaded()
+        _kept.clear()
+        _kept[key] = Worker(*pickle.loads(asked))
+    return _kept[key].make(task)
+
+
+def _result(ray: Any, ready: Any) -> Made:
+    try:
+        return ray.get(ready)
+    except ray.exceptions.RayTaskError as error:
+        if isinstance(error.cause, errors.InputError):
+            raise error.cause from None
+        raise
+
+
+def _refuse_silent(address: str) -> None:
+    """Refuse an address that does not answer, which Ray itself takes minutes to say."""
+    if address == "local":
+        return
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdigit():
+        raise errors.refuse("ray", "must be HOST:PORT or local", address, "As 10.0.0.1:6379.")
+    try:
+        socket.create_connection((host, int(port)), timeout=_PATIENCE_S).close()
+    except OSError as error:
+        remedy = "Start it: ray start --head --port 6379."
+        raise errors.refuse("ray", "must answer", f"{address}: {error}", remedy) from error
+
+
+def _ray() -> Any:
+    try:
+        import ray
+    except ImportError as error:
+        remedy = "Install it: pip install 'starling-depth[ray]'."
+        raise errors.refuse("ray", "must be installed", "none", remedy) from error
+    return ray

@@ -1,0 +1,339 @@
+"""Data sets: the same bits however they are made, and whole however often that is cut short."""
+
+from __future__ import annotations
+
+import errno
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import tomli_w
+import trimesh
+
+import starling
+from patterns.errors import InputError
+from sim import capture
+from sim.generation import index, on_ray, set_folder, shard
+from sim.generation.generate import generate
+from sim.generation.verify import verify
+
+ROOT = Path(__file__).parents[2]
+SIZE = {"width": 96, "height": 64, "cx_px": 47.5, "cy_px": 31.5, "fx_px": 50.0, "fy_px": 50.0}
+PLAN: dict[str, Any] = {
+    "seed": 11,
+    "scenes": 5,
+    "views": 2,
+    "frames": 2,
+    "source": [
+        {"kind": "builtin", "scene": "wall", "number": {"low": 0.6, "high": 1.5}},
+        {"kind": "dropped", "folder": "things", "count": 2},
+    ],
+    "sensor": [
+        {
+            "preset": "d435",
+            "set": {**SIZE, "matcher.search_px": 48, "baseline_m": {"of": [0.05, 0.06]}},
+            "effects": {"lens_blur": {"low": 0.1, "high": 0.8}},
+        }
+    ],
+    "pose": {"turn_deg": [{"low": -5, "high": 5}, 0, 0]},
+}
+
+
+def write(folder: Path, **others: Any) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    things = folder / "things"
+    things.mkdir(exist_ok=True)
+    trimesh.creation.box((0.1, 0.15, 0.08)).export(things / "box.ply")
+    trimesh.creation.cone(0.06, 0.12).export(things / "cone.ply")
+    path = folder / "plan.toml"
+    path.write_text(tomli_w.dumps({**PLAN, **others}))
+    return path
+
+
+def content(path: Path) -> dict[str, bytes]:
+    files = (file for file in path.rglob("*") if file.is_file() and file.name != ".lock")
+    return {str(file.relative_to(path)): file.read_bytes() for file in files}
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("plan"))
+
+
+@pytest.fixture(scope="module")
+def whole(plan: Path) -> Path:
+    out = plan.parent / "whole"
+    told = generate(plan, out, workers=1, shard_frames=4)
+    assert told["frames"] == 20 and told["missing"] == 0 and told["frames_per_s"] > 0
+    return out
+
+
+def test_two_workers_make_what_one_makes(plan: Path, whole: Path):
+    out = plan.parent / "two"
+    generate(plan, out, workers=2, shard_frames=4)
+    assert content(out) == content(whole)
+    assert not list(out.glob(".parts")) and not list(out.rglob("*.part"))
+
+
+def test_a_set_is_read_as_captures_are(whole: Path):
+    captures = capture.open_set(whole)
+    assert len(captures.scenes) == 10 and {len(one.frames) for one in captures.scenes} == {2}
+    rooms = [one.room for one in captures.scenes]
+    assert len(set(rooms)) == 5 and rooms[0] == rooms[1]
+    assert {one.info.baseline_m for one in captures.scenes} == {0.05, 0.06}
+    for scene in captures.scenes:
+        frame, truth = scene.frame(0), scene.truth_m()
+        assert frame.ir_left is not None and frame.depth_m is not None and truth is not None
+        assert (
+            frame.record["preset"] == "d435" and 0.1 <= frame.record["effects"]["lens_blur"] <= 0.8
+        )
+        label, bodies = scene.label(), frame.record["bodies"]
+        assert label is not None and label.max() <= len(bodies)
+        assert (scene.known() is not None) == (bodies == ["wall"])
+        first, second = scene.frame(0).ir_left, scene.frame(1).ir_left
+        assert first is not None and second is not None and (first != second).any()
+        error = scene.info.disparity_px(frame.depth_m) - scene.info.disparity_px(truth)
+        assert np.nanmedian(np.abs(error)) < 1  # Dots of half a pixel tell no better.
+
+
+def test_objects_are_where_they_are_said_to_be(plan: Path, whole: Path):
+    """A mesh's vertices, by the pose in frame.json, project onto pixels of its own label."""
+    seen = 0
+    for scene in capture.open_set(whole).scenes:
+        record, label = scene.frame(0).record, scene.label()
+        assert label is not None
+        for one in record["objects"]:
+            mesh = trimesh.load_mesh(plan.parent / "things" / one["mesh"])
+            pose = np.array(one["left_from_mesh"])
+            centre = pose[:3, :3] @ mesh.centroid + pose[:3, 3]
+            x = scene.info.fx_px * centre[0] / centre[2] + scene.info.cx_px
+            y = scene.info.fy_px * centre[1] / centre[2] + scene.info.cy_px
+            number = record["bodies"].index(one["body"]) + 1
+            if (label == number).sum() > 20:
+                near = label[int(y) - 2 : int(y) + 4, int(x) - 2 : int(x) + 4]
+                seen += number in near
+    assert seen >= 3
+
+
+def test_shards_hold_what_folders_hold(plan: Path, whole: Path):
+    out = plan.parent / "shards"
+    generate(plan, out, workers=1, layout="shards", shard_frames=4)
+    archives = sorted(out.glob("*.tar"))
+    assert [one.name for one in archives] == [shard.name(number) for number in range(5)]
+    found: dict[str, bytes] = {}
+    for archive in archives:
+        found |= shard.unpacked(archive.read_bytes())
+    in_folders = content(whole)
+    assert found == {name: in_folders[name] for name in in_folders if "/" in name}
+    sums = [[row["sha256"] for row in index.read(path)] for path in (out, whole)]
+    assert sums[0] == sums[1]
+    told = verify(out, sample=1)
+    assert (told["frames"], told["missing"], told["duplicate"], told["differing"]) == (20, 0, 0, 0)
+
+
+@pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.long)])
+def test_killed_at_any_point_it_goes_on_to_the_same_set(plan: Path, whole: Path, kills: int):
+    out = plan.parent / f"killed {kills}"
+    command = [sys.executable, str(ROOT / "starling.py"), "generate", str(plan)]
+    command += ["--out", str(out), "--workers", "1", "--shard-frames", "4"]
+    rng = random.Random(kills)
+    for _ in range(kills):
+        run = subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True)
+        time.sleep(rng.uniform(1.0, 12.0))
+        if run.poll() is None:
+            os.killpg(run.pid, signal.SIGKILL)
+        run.wait()
+    generate(plan, out, workers=1, shard_frames=4)
+    assert content(out) == content(whole)
+
+
+def test_a_worker_that_was_killed_stops_the_run_and_loses_nothing(plan: Path, whole: Path):
+    out = plan.parent / "orphan"
+    script = (
+        "import os, sys\n"
+        "from pathlib import Path\n"
+        "from sim.generation import local\n"
+        "from sim.generation.generate import generate\n"
+        "def die(task):\n"
+        "    if task.number == 2: os.kill(os.getpid(), 9)\n"
+        "    return local._worker['own'].make(task)\n"
+        "local._make = die\n"
+        "if __name__ == '__main__':\n"
+        "    generate(Path(sys.argv[1]), Path(sys.argv[2]), workers=1, shard_frames=4)\n"
+    )
+    file = plan.parent / "die.py"
+    file.write_text(script)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, str(file), str(plan), str(out)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "worker must live as long as the run" in done.stderr
+    assert not (out / "starling.json").exists()
+    generate(plan, out, workers=1, shard_frames=4)
+    assert content(out) == content(whole)
+
+
+def test_a_full_disk_stops_the_run_which_goes_on_later(plan: Path, whole: Path, monkeypatch: Any):
+    out = plan.parent / "full"
+    written, write_whole = [0], set_folder._write
+
+    def full(path: Path, data: bytes) -> None:
+        written[0] += 1
+        if written[0] > 4:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write_whole(path, data)
+
+    monkeypatch.setattr(set_folder, "_write", full)
+    with pytest.raises(InputError, match=r"out must have room on its disk; got .*, disk full"):
+        generate(plan, out, workers=1, shard_frames=4)
+    monkeypatch.undo()
+    assert 0 < len(list((out / ".parts").glob("*.json"))) < 5
+    generate(plan, out, workers=1, shard_frames=4)
+    assert content(out) == content(whole)
+
+
+def test_a_finished_set_is_left_as_it_is(plan: Path, whole: Path):
+    before = content(whole)
+    told = generate(plan, whole, workers=1, shard_frames=4)
+    assert told["frames"] == 20 and told["frames_per_s"] is None
+    assert content(whole) == before
+
+
+def test_what_was_begun_otherwise_is_refused(plan: Path, whole: Path, tmp_path: Path):
+    other = write(plan.parent / "other", seed=12)
+    with pytest.raises(InputError, match=r"plan must be that of .*-seed = 11; \+seed = 12"):
+        generate(other, whole, workers=1, shard_frames=4)
+    with pytest.raises(InputError, match=r"-shard_frames = 4; \+shard_frames = 8"):
+        generate(plan, whole, workers=1, shard_frames=8)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").touch()
+    with pytest.raises(InputError, match="out must be a new folder or a set that was begun"):
+        generate(plan, tmp_path / "full", workers=1)
+    with (
+        set_folder.opened(tmp_path / "held", "x", "folders"),
+        pytest.raises(InputError, match="out must be made by one run at a time"),
+        set_folder.opened(tmp_path / "held", "x", "folders"),
+    ):
+        pass
+    for flags, said in (
+        ({"workers": -1}, "workers must be in"),
+        ({"shard_frames": 0}, "shard_frames must be in"),
+        ({"ray": "local", "workers": 1}, "workers must be 0 with ray"),
+        ({"ray": "here"}, "ray must be HOST:PORT or local"),
+        ({"ray": "127.0.0.1:1"}, "ray must answer; got 127.0.0.1:1"),
+    ):
+        with pytest.raises(InputError, match=said):
+            generate(plan, tmp_path / "new", **flags)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
+def test_a_place_that_cannot_be_written_is_refused(plan: Path, tmp_path: Path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(InputError, match="out must be writable"):
+        generate(plan, tmp_path / "set", workers=1)
+
+
+@pytest.mark.parametrize("missing", ["stop", "skip"])
+def test_a_mesh_that_is_missing_stops_the_run_or_is_told_of(tmp_path: Path, missing: str):
+    """It is there when the plan is read, and damaged when it is its turn."""
+    path = write(tmp_path, missing=missing, frames=1)
+    (tmp_path / "things" / "cone.ply").write_bytes(b"ply\n")
+    out = tmp_path / "set"
+    if missing == "stop":
+        with pytest.raises(InputError, match="scene must be a mesh"):
+            generate(path, out, workers=1, shard_frames=2)
+        return
+    told = generate(path, out, workers=1, shard_frames=2)
+    assert told["skipped"] and told["frames"] + len(told["skipped"]) == 10
+    assert all("cone.ply" in one["why"] for one in told["skipped"])
+    assert verify(out, sample=0)["missing"] == 0
+
+
+def test_verify_finds_what_is_lost_doubled_or_changed(
+    plan: Path, whole: Path, tmp_path: Path, capsys: Any, monkeypatch: Any
+):
+    out = tmp_path / "set"
+    shutil.copytree(whole, out)
+    assert starling.main(["verify", str(out), "--sample", "0"]) == 0
+    image = out / "0000003" / "1" / "ir_left.png"
+    codes = cv2.imread(str(image), cv2.IMREAD_UNCHANGED)
+    codes[0, 0] ^= 1
+    cv2.imwrite(str(image), codes)
+    (out / "0000005" / "0" / "depth.png").unlink()
+    rows = index.read(out)
+    (out / index.FILE).write_bytes(index.encoded([*rows[:-2], rows[0]]))
+    told = verify(out, sample=0)
+    assert told["frames"] == 18 and told["missing"] == 3
+    assert told["duplicate"] == 1 and told["differing"] == 1
+    assert starling.main(["verify", str(out), "--sample", "0"]) == 1
+    shutil.rmtree(out)
+    shutil.copytree(whole, out)
+    rows = [{**row, "sha256": "0"} if row["frame"] == 0 else row for row in index.read(out)]
+    (out / index.FILE).write_bytes(index.encoded(rows))
+    assert verify(out, sample=10)["differing"] == 1
+    for name, said in (
+        ("starling.json", "set must have its starling.json"),
+        ("plan.toml", "set must have its plan.toml"),
+        (index.FILE, "set must have an index.parquet"),
+    ):
+        (out / name).unlink()
+        with pytest.raises(InputError, match=said):
+            verify(out, sample=0)
+    (out / index.FILE).write_bytes(b"parquet")
+    with pytest.raises(InputError, match=r"index.parquet must be a Parquet file"):
+        index.read(out)
+    capsys.readouterr()
+
+
+def test_without_pyarrow_or_ray_it_is_said_what_to_install(monkeypatch: Any, tmp_path: Path):
+    for name in ("pyarrow", "ray"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(InputError, match=r"index needs pyarrow.*starling-depth\[data\]"):
+        index.read(tmp_path)
+    with pytest.raises(InputError, match=r"ray must be installed.*starling-depth\[ray\]"):
+        on_ray._ray()
+
+
+@pytest.mark.long
+def test_a_cluster_that_loses_a_node_makes_the_same_set(plan: Path, whole: Path):
+    """A head and a second node on this machine; the node is killed while it works."""
+    pytest.importorskip("ray")
+    out, port = plan.parent / "ray", "26399"
+    tool = [str(Path(sys.executable).with_name("ray"))]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "1"}
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
+    start = [*tool, "start", "--num-cpus", "1", "--include-dashboard", "false"]
+    subprocess.run([*start, "--head", "--port", port], check=True, **quiet)
+    node = subprocess.Popen(
+        [*tool, "start", "--num-cpus", "1", "--address", f"127.0.0.1:{port}", "--block"],
+        start_new_session=True,
+        **quiet,
+    )
+    try:
+        time.sleep(8)
+        command = [sys.executable, str(ROOT / "starling.py"), "generate", str(plan)]
+        command += ["--out", str(out), "--ray", f"127.0.0.1:{port}", "--shard-frames", "4"]
+        run = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+        deadline = time.monotonic() + 240
+        while not list(out.glob(".parts/*.json")) and time.monotonic() < deadline:
+            assert run.poll() is None, run.stderr and run.stderr.read()
+            time.sleep(0.2)
+        os.killpg(node.pid, signal.SIGKILL)
+        assert run.wait(timeout=300) == 0
+    finally:
+        subprocess.run([*tool, "stop", "--force"], check=False, **quiet)
+        node.wait()
+    assert content(out) == content(whole)
