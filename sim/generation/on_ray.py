@@ -40,7 +40,12 @@ def made(
     """
     ray = _ray()
     _refuse_silent(address)
-    ray.init(address=address, log_to_driver=False, include_dashboard=False, logging_level="ERROR")
+    quiet = {"log_to_driver": False, "include_dashboard": False, "logging_level": "ERROR"}
+    try:
+        ray.init(address=address, **quiet)
+    except ConnectionError as error:
+        remedy = "Is it a cluster's head, of this Ray's version and with the same RAY_AUTH_TOKEN?"
+        raise errors.refuse("ray", "must let this run in", f"{address}: {error}", remedy) from error
     try:
         asked = pickle.dumps((plan, info, out))
         work = ray.remote(num_cpus=1, max_retries=-1)(_make)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import random
+import secrets
 import shutil
 import signal
 import subprocess
@@ -313,7 +314,9 @@ def test_a_cluster_that_loses_a_node_makes_the_same_set(plan: Path, whole: Path)
     pytest.importorskip("ray")
     out, port = plan.parent / "ray", "26399"
     tool = [str(Path(sys.executable).with_name("ray"))]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "1"}
+    # A cluster of the test's own, which lets nobody else in.
+    secret = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
+    environment = {**os.environ, **secret, "PYTHONPATH": str(ROOT)}
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
     start = [*tool, "start", "--num-cpus", "1", "--include-dashboard", "false"]
     subprocess.run([*start, "--head", "--port", port], check=True, **quiet)
@@ -326,13 +329,14 @@ def test_a_cluster_that_loses_a_node_makes_the_same_set(plan: Path, whole: Path)
         time.sleep(8)
         command = [sys.executable, str(ROOT / "starling.py"), "generate", str(plan)]
         command += ["--out", str(out), "--ray", f"127.0.0.1:{port}", "--shard-frames", "4"]
-        run = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
-        deadline = time.monotonic() + 240
-        while not list(out.glob(".parts/*.json")) and time.monotonic() < deadline:
-            assert run.poll() is None, run.stderr and run.stderr.read()
-            time.sleep(0.2)
-        os.killpg(node.pid, signal.SIGKILL)
-        assert run.wait(timeout=300) == 0
+        with (plan.parent / "ray.log").open("w+") as said:
+            run = subprocess.Popen(command, env=environment, stderr=said, stdout=said)
+            deadline = time.monotonic() + 240
+            while not list(out.glob(".parts/*.json")) and time.monotonic() < deadline:
+                assert run.poll() is None, Path(said.name).read_text()
+                time.sleep(0.2)
+            os.killpg(node.pid, signal.SIGKILL)
+            assert run.wait(timeout=300) == 0
     finally:
         subprocess.run([*tool, "stop", "--force"], check=False, **quiet)
         node.wait()
