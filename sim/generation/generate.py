@@ -12,7 +12,7 @@ import tomli_w
 
 from patterns import errors
 from sim import backend, progress
-from sim.generation import local, on_ray, set_folder, taken
+from sim.generation import index, local, on_ray, set_folder, taken
 from sim.generation import plan as plans
 from sim.generation.plan import Plan
 from sim.generation.set_folder import Layout
@@ -57,6 +57,7 @@ def generate(
     if ray and workers:
         raise errors.refuse("workers", "must be 0 with ray", workers, "The cluster has its own.")
     started = time.perf_counter()
+    index.refuse_without()
     asked = plans.read(plan)
     info = taken.info_of(taken.camera(view(asked, 0)))
     every = tasks(asked, shard_frames)

@@ -67,6 +67,15 @@ def read(path: Path) -> list[dict[str, Any]]:
         raise errors.refuse(FILE, "must be a Parquet file", file, f"{reason}.") from error
 
 
+def refuse_without() -> None:
+    """Refuse where no index can be written, before any work is done.
+
+    Raises:
+        InputError: if pyarrow is not installed.
+    """
+    _pyarrow()
+
+
 def _pyarrow() -> Any:
     try:
         import pyarrow

@@ -304,6 +304,8 @@ def test_without_pyarrow_or_ray_it_is_said_what_to_install(monkeypatch: Any, tmp
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(InputError, match=r"index needs pyarrow.*starling-depth\[data\]"):
         index.read(tmp_path)
+    with pytest.raises(InputError, match="index needs pyarrow"):
+        generate(write(tmp_path), tmp_path / "set", workers=1)
     with pytest.raises(InputError, match=r"ray must be installed.*starling-depth\[ray\]"):
         on_ray._ray()
 
