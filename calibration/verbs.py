@@ -29,9 +29,9 @@ def calibrate(
         captures: capture set or one scene in it, with infrared, or with depth alone.
         sensor: preset (see `starling sensors`) or sensor file (.toml) to start from.
         out: sensor file to write, NAME.toml; NAME/ holds pattern, dots, report.html, report.json.
-        free: groups to fit, separated by commas: baseline, alignment, focal, centre, projector, field,
-            scale, dots, pattern, photometry, noise, warp; of depth alone: baseline, offset, noise,
-            thresholds.
+        free: groups to fit, separated by commas: baseline, alignment, focal, centre, projector,
+            field, scale, dots, pattern, photometry, noise, warp; of depth alone: baseline, offset,
+            noise, thresholds.
         heldout: rooms to keep out of the fit and score it on; every fourth where none is named.
         force: replace what was written before.
     """

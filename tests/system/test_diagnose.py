@@ -311,14 +311,13 @@ def test_a_capture_that_tells_is_found(place):
 
 def test_at_a_wall_the_camera_moves_and_light_is_as_in_the_scene(place):
     one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
-    (wall,) = [each for each in MENU if "wall" in each.text]
-    assert tell_apart(one, {"sunlight": 5.0}, {}, Arm.IMAGE, menu=[wall])[0].enough
+    wall = [each for each in MENU if "wall" in each.text]
+    assert tell_apart(one, {"sunlight": 5.0}, {}, Arm.IMAGE, menu=wall)[0].enough
     moved = {"sunlight": 5.0, "model_shift": 0.002}  # Where the scene truly stands stays with it.
-    assert tell_apart(one, {"sunlight": 5.0}, moved, Arm.IMAGE, menu=[wall])[0].deviations < 1e-9
+    assert tell_apart(one, {"sunlight": 5.0}, moved, Arm.IMAGE, menu=wall)[0].deviations < 1e-9
 
 
-def test_what_a_capture_switches_off_no_rival_switches_on(place):
-    """Two powers of the projector look the same with it off, and with a cap on."""
+def test_what_a_capture_switches_off_no_rival_switches_on(place):  # Two powers look the same.
     one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
     dark = [each for each in MENU if "projector off" in each.text or "lens cap" in each.text]
     rivals = ({"projector_power": 0.1}, {"projector_power": 0.2})
