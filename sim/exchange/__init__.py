@@ -1,0 +1,1 @@
+"""Captures in the layouts of other programs, out and in."""

@@ -1,0 +1,170 @@
+"""The layout of TUM's RGB-D benchmark: images and depths by time, and a trajectory.
+
+    rgb.txt, depth.txt      TIME FILE
+    groundtruth.txt         TIME tx ty tz qx qy qz qw: camera in the world
+    rgb/TIME.png, depth/TIME.png        depth in steps of 1/5000 m, 0 = none
+
+Source: Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012, and its
+page on file formats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from patterns.errors import refuse
+from sim import png
+from sim.capture import CapturedScene
+from sim.depth import from_code, to_code
+from sim.exchange import quaternion
+from sim.exchange.stream import Moment, Stream
+from sim.frames import Pose
+from sim.output import Folder
+from sim.pinhole import Pinhole
+
+UNIT_M = 1 / 5000
+_STEP_S = 1 / 30  # Between frames that tell no time.
+_NEAR_S = 0.02  # Times that are taken for one.
+_CAMERA = "camera.txt"  # fx fy cx cy width height; TUM's own sets have none.
+
+
+def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
+    """Write scenes that follow each other in time, the left infrared image as the picture.
+
+    Args:
+        scenes: of one camera; each frame's pose is that of its `frame.json`, where it has one.
+        folder: where to.
+
+    Returns:
+        How many frames were written.
+
+    Raises:
+        InputError: if cameras differ, or a frame has no depth.
+    """
+    info = scenes[0].info
+    lists: dict[str, list[str]] = {"rgb": [], "depth": [], "groundtruth": []}
+    count = 0
+    for scene in scenes:
+        if Pinhole.of(scene.info) != Pinhole.of(info):
+            advice = "Export the scenes of one camera."
+            raise refuse("scenes", "must be of one camera", scene.path, advice)
+        for number in scene.frames:
+            frame = scene.frame(number)
+            if frame.depth_m is None:
+                advice = "TUM's layout is of depth."
+                raise refuse(f"frame {number} of {scene.name}", "must have depth", "none", advice)
+            time = f"{frame.record.get('timestamp', count * _STEP_S):.6f}"
+            folder.write(f"depth/{time}.png", png.encode(to_code(frame.depth_m, UNIT_M)))
+            lists["depth"].append(f"{time} depth/{time}.png")
+            if frame.ir_left is not None:
+                folder.write(f"rgb/{time}.png", png.encode(frame.ir_left))
+                lists["rgb"].append(f"{time} rgb/{time}.png")
+            if "left_from_world" in frame.record:
+                pose = np.linalg.inv(np.array(frame.record["left_from_world"]))
+                numbers = (*pose[:3, 3], *quaternion.of(pose))
+                lists["groundtruth"].append(" ".join([time, *(f"{one:.9g}" for one in numbers)]))
+            count += 1
+    heads = {"rgb": "timestamp filename", "depth": "timestamp filename"}
+    for name, lines in lists.items():
+        head = heads.get(name, "timestamp tx ty tz qx qy qz qw")
+        folder.write(f"{name}.txt", "\n".join([f"# {head}", *lines]) + "\n")
+    camera = (info.fx_px, info.fy_px, info.cx_px, info.cy_px, info.width, info.height)
+    folder.write(_CAMERA, " ".join(map(repr, camera)) + "\n")
+    return count
+
+
+def read(path: Path, camera: Pinhole | None = None) -> Stream:
+    """Open a sequence; images are read when asked for.
+
+    Args:
+        path: its folder.
+        camera: of the depth images; None takes `camera.txt`, which `export` writes.
+
+    Raises:
+        InputError: if a list is missing or damaged, or the camera is not known.
+    """
+    depths = _files(path / "depth.txt")
+    pictures = _files(path / "rgb.txt") if (path / "rgb.txt").is_file() else []
+    poses = _poses(path / "groundtruth.txt")
+    moments = []
+    for time, file in sorted(depths):
+        picture = _nearest(pictures, time)
+        moments.append(
+            Moment(
+                time_s=time,
+                world_from_camera=_nearest(poses, time),
+                depth=partial(_depth, path / file),
+                image=None if picture is None else partial(_picture, path / picture),
+            )
+        )
+    return Stream(camera=camera or _camera(path), moments=tuple(moments))
+
+
+def _files(path: Path) -> list[tuple[float, str]]:
+    return [(float(time), file) for time, file in _lines(path, 2)]
+
+
+def _poses(path: Path) -> list[tuple[float, Pose]]:
+    numbers = [np.array(words, float) for words in _lines(path, 8)]
+    return [(float(one[0]), quaternion.pose(one[1:4], one[4:])) for one in numbers]
+
+
+def _lines(path: Path, columns: int) -> list[list[str]]:
+    """Lines of a list, all but its last column, of a file's name, numbers."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise refuse(path.name, "must be readable", path, f"{error}.") from error
+    found = [line.split() for line in lines if line.strip() and not line.startswith("#")]
+    for words in found:
+        numbers = words[:1] if columns == 2 else words
+        if len(words) != columns or not all(map(_is_number, numbers)):
+            rule = f"must have lines of a time and {columns - 1} more"
+            raise refuse(path.name, rule, repr(" ".join(words)), "Is it TUM's layout?")
+    return found
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return np.isfinite(float(word)).item()
+    except ValueError:
+        return False
+
+
+_T = TypeVar("_T")
+
+
+def _nearest(timed: Sequence[tuple[float, _T]], time: float) -> _T | None:
+    """What is nearest in time, None where nothing is near."""
+    if not timed:
+        return None
+    at, found = min(timed, key=lambda one: abs(one[0] - time))
+    return found if abs(at - time) <= _NEAR_S else None
+
+
+def _camera(path: Path) -> Pinhole:
+    try:
+        words = (path / _CAMERA).read_text(encoding="utf-8").split()
+        fx, fy, cx, cy, width, height = map(float, words)
+    except (OSError, ValueError) as error:
+        rule, advice = "must tell fx fy cx cy width height", "TUM's own sets do not: give it."
+        raise refuse(_CAMERA, rule, error, advice) from error
+    return Pinhole(width=int(width), height=int(height), fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
+
+
+def _depth(path: Path) -> NDArray[np.float32]:
+    return from_code(png.read(path, "depth").astype(np.uint16), UNIT_M)
+
+
+def _picture(path: Path) -> NDArray[np.uint8]:
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise refuse("rgb", "must be a readable image", path, "Copy it again.")
+    return (image[..., ::-1] if image.ndim == 3 else image).astype(np.uint8)
