@@ -16,12 +16,14 @@ from tyro.conf import FlagCreatePairsOff, PositionalMetavarFromFieldName
 import calibration.verbs
 import diagnosis.verbs
 import learning.verbs
+import sim.data_verbs
 import sim.verbs
 from sim import shell
 
 _app = tyro.extras.SubcommandApp()
 for _verb in (
     *sim.verbs.VERBS,
+    *sim.data_verbs.VERBS,
     *calibration.verbs.VERBS,
     *learning.verbs.VERBS,
     *diagnosis.verbs.VERBS,

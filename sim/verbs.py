@@ -306,67 +306,6 @@ def bench(*, common: Shared = Common()) -> None:
     shell.say(result, json=common.json)
 
 
-def generate(
-    plan: Positional[Path],
-    *,
-    out: Path,
-    workers: int = 0,
-    ray: str = "",
-    layout: Literal["folders", "shards"] = "folders",
-    shard_frames: int = 64,
-    common: Shared = Common(),
-) -> None:
-    """Make a data set of many captures from a plan; a run that was stopped goes on where it was.
-
-    Example: starling generate plan.toml --out out/set --layout shards
-
-    Args:
-        plan: TOML file: scenes, sensors with ranges, poses, frames, seed (see the tutorial).
-        out: folder of the set, new or begun by the same plan.
-        workers: processes; 0 takes one for each core.
-        ray: address of a Ray cluster (HOST:PORT, or local) that makes it instead.
-        layout: a folder each view, or tar archives in WebDataset's layout.
-        shard_frames: frames of an archive, and of what a worker makes at a time.
-    """
-    from sim import progress
-    from sim.generation import generate as generation
-
-    with progress.on_stderr() as tell:
-        result = generation.generate(
-            plan,
-            out,
-            workers=workers,
-            ray=ray,
-            layout=layout,
-            shard_frames=shard_frames,
-            tell=tell,
-        )
-    shell.say(result, json=common.json)
-
-
-def verify(captures: Positional[Path], *, sample: int = 8, common: Shared = Common()) -> None:
-    """Check a data set: every checksum, and whether views made again come out the same.
-
-    Exits with 1 if a frame is missing, there twice, or differs.
-
-    Example: starling verify out/set --sample 20
-
-    Args:
-        captures: folder of a finished set.
-        sample: views that are made again, by lot.
-    """
-    import sys
-
-    from sim import progress
-    from sim.generation import verify as verification
-
-    with progress.on_stderr() as tell:
-        result = verification.verify(captures, sample=sample, tell=tell)
-    shell.say(result, json=common.json)
-    if result["missing"] or result["duplicate"] or result["differing"]:
-        sys.exit(1)
-
-
 VERBS = (
     doctor,
     sensors,
@@ -376,7 +315,5 @@ VERBS = (
     show,
     atlas,
     sweep,
-    generate,
-    verify,
     bench,
 )
