@@ -105,6 +105,7 @@ class Check:
                 families or what is asked for are not what was sealed, there are verdicts and no
                 seal, or the detection limits cannot be read.
         """
+        self._left_out((), singles)  # Refuses what no tier can draw.
         self._each(_prepare, [(one,) for one in self.sets])
         families = self._families()
         told = {seal.FAMILIES: families, seal.ASKED: self._asked(singles)}

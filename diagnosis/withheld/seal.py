@@ -116,7 +116,7 @@ def _sealed(public: Path) -> dict[str, str]:
 
 
 def _start(content: bytes) -> str:
-    text = content.decode()
+    text = " ".join(content.decode().split())
     return text if len(text) < 300 else f"{text[:300]} ..."
 
 

@@ -313,7 +313,7 @@ def test_the_verb_runs_the_program_elsewhere(monkeypatch):
 
 def test_a_program_that_fails_is_refused_with_what_it_said(tmp_path, monkeypatch):
     monkeypatch.setattr(programs, "_run", RUN)
-    with pytest.raises(WithheldError, match=r"diagnosis\.batch must succeed.*sensor must be"):
+    with pytest.raises(WithheldError, match=r"diagnosis\.batch must succeed.*cases must hold"):
         programs.diagnose(tmp_path, tmp_path / "out", tmp_path / "s.toml", tmp_path / "cache")
 
 
