@@ -23,6 +23,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from table_gap import bounds
 
 from diagnosis.diagnose_captures import as_text, diagnose_captures
 from sim import asked_sensor, capture, progress
@@ -82,11 +83,10 @@ def chosen(whole: Path, part: Path, rooms: list[str]) -> None:
 
 def bound(scene: capture.CapturedScene) -> None:
     """Forget reference depth outside the rectangle in which most rows and columns have depth."""
-    known = np.isfinite(scene.frame(scene.frames[0]).depth_m)
-    rows, columns = known.mean(axis=1) > 0.5, known.mean(axis=0) > 0.5
+    inside = bounds(scene.frame(scene.frames[0]).depth_m)
     path = str(scene.path / "truth.png")
     truth = cv2.imread(path, cv2.IMREAD_UNCHANGED)
-    cv2.imwrite(path, np.where(rows[:, None] & columns[None, :], truth, 0).astype(truth.dtype))
+    cv2.imwrite(path, np.where(inside, truth, 0).astype(truth.dtype))
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 
 from diagnosis.nuisances import Nuisances
 from sim.sensor import Sensor
-from sim.threads import single_threaded
+from sim.threads import cores, single_threaded
 
 _MOST = 8
 _held: dict[str, Any] = {}  # Of a process: its subjects by name.
@@ -42,7 +41,7 @@ class Crew:
             against: capture set that these are compared with.
             fitted: by scene what was fitted to it, if it was.
         """
-        count = max(1, min(len(os.sched_getaffinity(0)), len(scenes), _MOST))
+        count = max(1, min(cores(), len(scenes), _MOST))
         context = multiprocessing.get_context("spawn")
         self._pools = [
             ProcessPoolExecutor(

@@ -72,7 +72,14 @@ class Frames(Dataset[Sample]):
             InputError: if a file is missing or damaged, or the frame has no such image.
         """
         row = self._rows[number]
-        return _sample(row, _files(self.path, row), self._images, self._info)
+        found: Sample = {name: row[name] for name in ("frame", "scene", "room", "sensor")}
+        found["record"] = json.loads(_needed(self.path, row, "frame.json"))
+        own = _file(self.path, row, capture_info.OWN)
+        info = self._info if own is None else capture_info.from_table(tomllib.loads(own.decode()))
+        for name in self._images:
+            data = _needed(self.path, row, f"{_FILES.get(name, name)}.png")
+            found[name] = torch.from_numpy(_decoded(name, data, row, info))
+        return found
 
     @property
     def rooms(self) -> list[str]:
@@ -127,21 +134,14 @@ class Stream(IterableDataset[Sample]):
                 yield self._frames[number]
 
 
-def _files(path: Path, row: Mapping[str, Any]) -> Mapping[str, bytes]:
-    """Files of a frame, and of its view, by their names alone."""
-    view, _, repeat = row["name"].partition("/")
+def _file(path: Path, row: Mapping[str, Any], name: str) -> bytes | None:
+    """A file of a frame, or of its view; None where there is none."""
+    view = row["name"].partition("/")[0]
+    place = f"{view if name in shard.SHARED else row['name']}/{name}"
     if row["shard"]:
-        found = _archive(path / row["shard"])
-    else:
-        places = [path / view, path / view / repeat]
-        files = [one for place in places for one in place.iterdir() if one.is_file()]
-        found = {str(one.relative_to(path)): one.read_bytes() for one in files}
-    own = (f"{view}/{repeat}/", f"{view}/")
-    return {
-        Path(name).stem if name.endswith(".png") else Path(name).name: data
-        for name, data in found.items()
-        if name.startswith(own[0]) or (name.startswith(own[1]) and name.count("/") == 1)
-    }
+        return _archive(path / row["shard"]).get(place)
+    file = path / place
+    return file.read_bytes() if file.is_file() else None
 
 
 @lru_cache(maxsize=2)
@@ -152,20 +152,12 @@ def _archive(path: Path) -> Mapping[str, bytes]:
         raise refuse("shard", "must be readable", path, f"{error.strerror}.") from error
 
 
-def _sample(
-    row: Mapping[str, Any], files: Mapping[str, bytes], images: Sequence[str], info: CaptureInfo
-) -> Sample:
-    found: Sample = {name: row[name] for name in ("frame", "scene", "room", "sensor")}
-    found["record"] = json.loads(files["frame.json"])
-    if capture_info.OWN in files:
-        info = capture_info.from_table(tomllib.loads(files[capture_info.OWN].decode()))
-    for name in images:
-        file = _FILES.get(name, name)
-        if file not in files:
-            advice = "Ask for images that the set's plan keeps."
-            raise refuse(f"frame {row['name']}", f"must have {file}.png", "none", advice)
-        found[name] = torch.from_numpy(_decoded(name, files[file], row, info))
-    return found
+def _needed(path: Path, row: Mapping[str, Any], name: str) -> bytes:
+    data = _file(path, row, name)
+    if data is None:
+        advice = "Ask for what the set's plan keeps, or verify the set."
+        raise refuse(f"frame {row['name']}", f"must have {name}", "none", advice)
+    return data
 
 
 def _decoded(
@@ -179,7 +171,6 @@ def _decoded(
     if name in _FILES:
         return depth.from_code(code.astype(np.uint16), info.depth_unit_m)
     if name == "rgb":
-        return np.ascontiguousarray(code[..., ::-1].transpose(2, 0, 1), np.float32) / np.float32(
-            255
-        )
+        planes = np.ascontiguousarray(code[..., ::-1].transpose(2, 0, 1), np.float32)
+        return planes / np.float32(255)
     return code.astype(np.float32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,6 +19,8 @@ from sim.png import GreyImage
 from sim.reason import Reason
 from sim.scene_file import SceneFile
 from sim.sensor import Sensor
+
+_versions = functools.cache(record.versions)  # Milliseconds, and frames are many.
 
 
 def info_of(sensor: Sensor, *, source: str, licence: str, notes: str) -> CaptureInfo:
@@ -157,9 +160,7 @@ def write_frame(
         folder.write_by(f"{at}/frame.exr", lambda path: exr.write(path, layers, depth))
     folder.write(
         f"{at}/frame.json",
-        record.dumps(
-            {**(facts or {}), "reasons": reason_counts(depth), "versions": record.versions()}
-        ),
+        record.dumps({**(facts or {}), "reasons": reason_counts(depth), "versions": _versions()}),
     )
 
 

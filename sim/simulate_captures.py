@@ -204,7 +204,7 @@ def _write_scenes(
     rates: dict[str, list[float]] = defaultdict(list)
     levels: dict[str, list[float]] = defaultdict(list)
     figures: dict[str, Any] = {}
-    for task, number, shot, rgb, samples, world_from_left in shots:
+    for task, number, shot, picture, samples, world_from_left in shots:
         if number == 0:
             capture_writer.write_scene(
                 folder,
@@ -214,12 +214,12 @@ def _write_scenes(
                 depth_unit_m=plan.sensor.post.depth_unit_m,
                 known=_known(task, world_from_left, folder.path / task.name),
             )
-        facts = {
+        more = {
             "seed": scene_seed(plan.seed, task.name),
             "frame": number,
             "samples": samples,
         }
-        _write_shot(folder, task.name, number, shot, plan.sensor, rgb, facts)
+        _write_shot(folder, task.name, number, shot, plan.sensor, picture, more)
         rates[task.name].append(1 - shot.depth.valid.mean())
         levels[task.name].append(shot.ir_left.mean())
         figures[task.name] = {
@@ -244,11 +244,11 @@ def _shots(tasks: list[_Task], plan: _Plan, tell: progress.Progress) -> Iterator
     from sim.simulate import sequence
 
     shots: Iterator[Shot] = iter(())
-    rgb, samples, world_from_left = None, 0, np.eye(4)
+    picture, samples, world_from_left = None, 0, np.eye(4)
     for task, number in tell(list(product(tasks, range(plan.frames))), "simulate"):
         if number == 0:
             scene = _scene(task.text, plan)
-            rgb, world_from_left = _rgb(scene, plan.sensor), scene.world_from_left
+            picture, world_from_left = rgb(scene, plan.sensor), scene.world_from_left
             samples = (plan.samples or _SAMPLES) if scene.interreflection else 0
             shots = sequence(
                 scene,
@@ -257,19 +257,34 @@ def _shots(tasks: list[_Task], plan: _Plan, tell: progress.Progress) -> Iterator
                 seed=scene_seed(plan.seed, task.name),
                 samples=samples or _SAMPLES,
             )
-        yield _Reading(task, number, next(shots), rgb, samples, world_from_left)
+        yield _Reading(task, number, next(shots), picture, samples, world_from_left)
 
 
 def _scene(text: str, plan: _Plan) -> Scene:
     from sim import scenes
 
     scene = setting.on_scene(scenes.load(text, plan.sensor), plan.effects)
-    if plan.samples and not scene.interreflection:
-        scene = dataclasses.replace(scene, interreflection=1.0)
-    return scene
+    return indirectly_lit(scene, plan.samples)
 
 
-def _rgb(scene: Scene, sensor: Sensor) -> NDArray[np.uint8] | None:
+def indirectly_lit(scene: Scene, samples: int) -> Scene:
+    """A scene with interreflection, where paths are asked for and it has none."""
+    if not samples or scene.interreflection:
+        return scene
+    return dataclasses.replace(scene, interreflection=1.0)
+
+
+def facts(shot: Shot, sensor: Sensor) -> dict[str, Any]:
+    """What `frame.json` says of how a reading was exposed."""
+    return {
+        "exposure_s": shot.exposure_s,
+        "gain": shot.gain,
+        "laser_power": sensor.projector.power_w,
+        "counts": "repeats",
+    }
+
+
+def rgb(scene: Scene, sensor: Sensor) -> NDArray[np.uint8] | None:
     """What the sensor's colour camera sees of a scene."""
     if sensor.colour is None:
         return None
@@ -284,8 +299,8 @@ def _write_shot(
     number: int,
     shot: Shot,
     sensor: Sensor,
-    rgb: NDArray[np.uint8] | None,
-    facts: Mapping[str, Any],
+    picture: NDArray[np.uint8] | None,
+    more: Mapping[str, Any],
 ) -> None:
     capture_writer.write_frame(
         folder,
@@ -295,13 +310,7 @@ def _write_shot(
         depth_unit_m=sensor.post.depth_unit_m,
         infrared=(shot.ir_left, shot.ir_right),
         registered_m=shot.registered_m,
-        colour=rgb,
+        colour=picture,
         layers=shot.layers,
-        facts={
-            "exposure_s": shot.exposure_s,
-            "gain": shot.gain,
-            "laser_power": sensor.projector.power_w,
-            "counts": "repeats",
-            **facts,
-        },
+        facts={**facts(shot, sensor), **more},
     )

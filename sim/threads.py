@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+import os
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
 
 def single_threaded() -> None:
     """Let this process use one core, as others use the rest."""

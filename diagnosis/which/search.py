@@ -243,10 +243,12 @@ def _sensors_first(model: Model, trial: Trial, signatures: Sequence[Signature]) 
         own, others = _in_place(number, model, trial, signatures)
         least = max(trial.threshold, own.total - _AS_LIKELY)
         likely = [one for one in others if one.total > least and not _of_scene(one)]
-        for best in sorted(likely, key=lambda one: -one.total)[:1]:
-            found = simulated(trial, model.exchanged(number, best))
-            if found is not None and found.gain(model, trial.likelihood) > -_AS_LIKELY:
-                model = found
+        if not likely:
+            continue
+        best = max(likely, key=lambda one: one.total)
+        found = simulated(trial, model.exchanged(number, best))
+        if found is not None and found.gain(model, trial.likelihood) > -_AS_LIKELY:
+            model = found
     return model
 
 

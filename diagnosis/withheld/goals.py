@@ -10,6 +10,7 @@ from typing import Any
 from diagnosis.withheld.errors import refusal
 
 TIERS = (1, 2, 3, 4)
+REAL = 4  # That of real pairs, whose sets share scenes.
 _OWN = (1, 3)  # Those whose renderer and matcher the diagnosis shares: goals are higher.
 
 

@@ -10,10 +10,8 @@ from diagnosis.withheld import breakdown
 from diagnosis.withheld.answered import Answered
 from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.figure import Figure, figure
-from diagnosis.withheld.goals import goals
+from diagnosis.withheld.goals import REAL, goals
 from diagnosis.withheld.nominal import Nominal
-
-REAL = 4  # Tier whose sets share scenes.
 
 
 def score(

@@ -6,6 +6,8 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from diagnosis.withheld.goals import REAL
+
 _WIDTH = 120
 _WORDS = {
     "top1": "one effect: named first",
@@ -91,7 +93,7 @@ def _goals(scores: Mapping[str, Any]) -> list[str]:
 
 
 def _real(tier: int) -> list[str]:
-    if tier != 4:
+    if tier != REAL:
         return []
     return _wrapped(
         "A null differs from its partner by noise of the law that alarms are guarded by, and sets "

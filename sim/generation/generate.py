@@ -19,6 +19,7 @@ from sim.generation.set_folder import Layout
 from sim.generation.source import Captured, Dropped, Files
 from sim.generation.task import Made, Task, tasks
 from sim.generation.view import view
+from sim.threads import cores
 
 SHARD_FRAMES = 64  # Of an archive, and of what a worker makes at a time.
 
@@ -70,11 +71,11 @@ def generate(
             made = (
                 on_ray.made(asked, info, out, left, ray)
                 if ray
-                else local.made(asked, info, out, left, workers or local.cores())
+                else local.made(asked, info, out, left, workers or cores())
             )
             for one in _told(made, left, tell):
                 folder.put(one)
-                new += sum(len(each.rows) for each in one.views)
+                new += len(one.rows)
             folder.finish({"verb": "generate", "layout": layout})
         figures = set_folder.figures(out)
     seconds = time.perf_counter() - started

@@ -14,13 +14,11 @@ from pathlib import Path
 from patterns import errors
 from sim.capture_info import CaptureInfo
 from sim.generation.plan import Plan
-from sim.generation.task import Made, Task, Worker
+from sim.generation.task import Made, Task, make
 from sim.threads import single_threaded
 
 _AHEAD = 2  # Tasks that wait for each worker: what is made faster than written must not pile up.
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-
-_worker: dict[str, Worker] = {}  # Of a process: its only one.
 
 
 def made(
@@ -34,20 +32,18 @@ def made(
         workers: processes at most; each has one thread of every library.
 
     Raises:
-        InputError: as `Worker.make`, or if a process died.
+        InputError: as `task.make`, or if a process died.
     """
     workers = max(1, min(workers, len(tasks)))
     context = multiprocessing.get_context("spawn")
     waiting: deque[Future[Made]] = deque()
     with (
         _one_thread(),
-        ProcessPoolExecutor(
-            workers, context, initializer=_begin, initargs=(plan, info, out)
-        ) as pool,
+        ProcessPoolExecutor(workers, context, initializer=single_threaded) as pool,
     ):
         try:
             for task in tasks:
-                waiting.append(pool.submit(_make, task))
+                waiting.append(pool.submit(make, plan, info, out, task))
                 if len(waiting) >= (1 + _AHEAD) * workers:
                     yield waiting.popleft().result()
             while waiting:
@@ -57,15 +53,6 @@ def made(
             raise errors.refuse("worker", rule, "one that was killed", advice) from error
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _begin(plan: Plan, info: CaptureInfo, out: Path) -> None:
-    single_threaded()
-    _worker["own"] = Worker(plan, info, out)
-
-
-def _make(task: Task) -> Made:
-    return _worker["own"].make(task)
 
 
 @contextmanager
@@ -81,8 +68,3 @@ def _one_thread() -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0))

@@ -6,8 +6,6 @@ same code as on one machine. Nodes need the project installed, and files of a pl
 
 from __future__ import annotations
 
-import hashlib
-import pickle
 import socket
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -16,13 +14,11 @@ from typing import Any
 from patterns import errors
 from sim.capture_info import CaptureInfo
 from sim.generation.plan import Plan
-from sim.generation.task import Made, Task, Worker
+from sim.generation.task import Made, Task, make
 from sim.threads import single_threaded
 
 _AHEAD = 2  # Tasks for each core that are under way: what comes back must not pile up.
 _PATIENCE_S = 5.0  # For a cluster's address to answer.
-
-_kept: dict[str, Worker] = {}  # Of a process of the cluster: that of the plan it saw last.
 
 
 def made(
@@ -36,7 +32,7 @@ def made(
         address: HOST:PORT of a cluster, or `local` for one on this machine that ends with the run.
 
     Raises:
-        InputError: as `Worker.make`, or if Ray is not installed or the address does not answer.
+        InputError: as `task.make`, or if Ray is not installed or the address does not answer.
     """
     ray = _ray()
     _refuse_silent(address)
@@ -47,27 +43,23 @@ def made(
         remedy = "Is it a cluster's head, of this Ray's version and with the same RAY_AUTH_TOKEN?"
         raise errors.refuse("ray", "must let this run in", f"{address}: {error}", remedy) from error
     try:
-        asked = pickle.dumps((plan, info, out))
         work = ray.remote(num_cpus=1, max_retries=-1)(_make)
-        given, key = ray.put(asked), hashlib.sha256(asked).hexdigest()
+        asked = ray.put((plan, info, out))
         most = _AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
         waiting = list(tasks)[::-1]
         running: list[Any] = []
         while waiting or running:
             while waiting and len(running) < most:
-                running.append(work.remote(key, given, waiting.pop()))
+                running.append(work.remote(asked, waiting.pop()))
             ready, running = ray.wait(running, num_returns=1)
             yield _result(ray, ready[0])
     finally:
         ray.shutdown()
 
 
-def _make(key: str, asked: bytes, task: Task) -> Made:
-    if key not in _kept:
-        single_threaded()
-        _kept.clear()
-        _kept[key] = Worker(*pickle.loads(asked))
-    return _kept[key].make(task)
+def _make(asked: tuple[Plan, CaptureInfo, Path], task: Task) -> Made:
+    single_threaded()
+    return make(*asked, task)
 
 
 def _result(ray: Any, ready: Any) -> Made:

@@ -14,7 +14,7 @@ from sim.generation import draw
 from sim.generation.draw import Draw, Fixed
 from sim.generation.source import Source
 from sim.generation.source import read as read_source
-from sim.generation.table import place, refuse_unknown, text, weight
+from sim.generation.table import refuse_unknown, text, weight
 
 Layer = Literal["infrared", "truth", "rgb", "exr"]  # Depth is always kept.
 Missing = Literal["stop", "skip"]
@@ -133,7 +133,7 @@ def _sensor(table: Mapping[str, Any], folder: Path, name: str) -> SensorPlan:
     refuse_unknown(table, ("preset", "weight", "set", "effects"), name)
     preset = text(table, "preset", name, "d435")
     if preset.endswith(".toml"):
-        preset = str(place(folder, preset))
+        preset = str(folder / preset)
     plan = SensorPlan(
         preset=preset,
         weight=weight(table, name),

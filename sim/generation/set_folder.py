@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import fcntl
 import json
-import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -16,11 +15,11 @@ from patterns import errors
 from sim import capture_info, output, record
 from sim.capture_info import CaptureInfo
 from sim.generation import index, shard
-from sim.generation.task import Made, rows
+from sim.generation.task import Made
 
 Layout = Literal["folders", "shards"]
 
-_ASKED = "plan.toml"  # As it was read, with what else the set follows from.
+PLAN = "plan.toml"  # As it was read, with what else the set follows from.
 _PARTS = ".parts"  # Rows of each task that is whole on disk.
 _LOCK = ".lock"
 
@@ -43,24 +42,22 @@ class SetFolder:
             InputError: if the disk is full or the folder cannot be written.
         """
         with output.refused(self.path):
-            found = rows(made.views)
             if self._layout == "shards":
                 where = shard.name(made.number)
-                _write(self.path / where, shard.packed(made.views))
+                self._write(where, shard.packed(made.views))
             else:
                 where = ""
                 for view in made.views:
                     self._write_folder(view.name, view.files)
             told = {
-                "rows": [{**row, "shard": where} for row in found],
+                "rows": [{**row, "shard": where} for row in made.rows],
                 "skipped": list(made.skipped),
             }
-            _write(self.path / _PARTS / f"{made.number:06d}.json", record.dumps(told).encode())
+            self._write(f"{_PARTS}/{made.number:06d}.json", record.dumps(told).encode())
 
     def describe(self, info: CaptureInfo) -> None:
         """Write the set's `capture.toml`."""
-        with output.refused(self.path):
-            _write(self.path / capture_info.FILE, capture_info.dumps(info).encode())
+        self._write(capture_info.FILE, capture_info.dumps(info).encode())
 
     def finish(self, summary: Mapping[str, Any]) -> None:
         """Write the index and the record, once all tasks are done.
@@ -80,10 +77,10 @@ class SetFolder:
             "bytes": sum(row["bytes"] for row in frames),
             "skipped": skipped,
         }
+        self._write(index.FILE, index.encoded(frames))
+        text = record.dumps({**summary, "versions": record.versions(), "figures": figures})
+        self._write(output.RECORD, text.encode())
         with output.refused(self.path):
-            _write(self.path / index.FILE, index.encoded(frames))
-            text = record.dumps({**summary, "versions": record.versions(), "figures": figures})
-            _write(self.path / output.RECORD, text.encode())
             shutil.rmtree(self.path / _PARTS)
 
     @property
@@ -91,8 +88,11 @@ class SetFolder:
         """Whether index and record are there."""
         return (self.path / output.RECORD).is_file()
 
+    def _write(self, name: str, data: bytes) -> None:
+        output.write_file(self.path / name, data, force=True)
+
     def _write_folder(self, name: str, files: Mapping[str, bytes]) -> None:
-        part = self.path / f".{name}.part"
+        part = self.path / f".{name}.partial"
         shutil.rmtree(part, ignore_errors=True)
         for path, data in files.items():
             file = part / Path(path).relative_to(name)
@@ -129,9 +129,9 @@ def opened(path: Path, plan: str, layout: Layout) -> Iterator[SetFolder]:
         InputError: if the folder holds something else or the set of another plan, another run
             works on it, or it cannot be written.
     """
-    asked = path / _ASKED
+    asked = path / PLAN
     begun = asked.is_file()
-    if path.exists() and not begun and (not path.is_dir() or any(path.iterdir())):
+    if path.exists() and not begun and (not path.is_dir() or _others(path)):
         advice = "Choose another, or empty it yourself."
         raise errors.refuse("out", "must be a new folder or a set that was begun", path, advice)
     with output.refused(path):
@@ -148,11 +148,20 @@ def opened(path: Path, plan: str, layout: Layout) -> Iterator[SetFolder]:
         with output.refused(path):
             if (path / output.RECORD).is_file():
                 shutil.rmtree(path / _PARTS)
-            for left in [*path.glob(".*.part"), *(path / _PARTS).glob(".*.part")]:
+            for left in [*path.glob(".*.partial"), *(path / _PARTS).glob(".*.partial")]:
                 shutil.rmtree(left) if left.is_dir() else left.unlink()
-            if not begun:
-                _write(asked, plan.encode())
+        if not begun:
+            output.write_file(asked, plan.encode())
         yield SetFolder(path, layout)
+
+
+def _others(path: Path) -> list[Path]:
+    """What a run that was killed before its plan stood there cannot have left."""
+    return [
+        one
+        for one in path.iterdir()
+        if one.name not in (_PARTS, _LOCK) and not one.name.endswith(".partial")
+    ]
 
 
 def _refuse_other(before: str, now: str, path: Path) -> None:
@@ -162,13 +171,3 @@ def _refuse_other(before: str, now: str, path: Path) -> None:
     changed = [line for line in lines if line[:1] in "+-" and line[:3] not in ("+++", "---")]
     advice = "Choose another folder, or the plan that it was begun with."
     raise errors.refuse("plan", f"must be that of {path}", "; ".join(changed), advice)
-
-
-def _write(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all, and to the disk before it has its name."""
-    part = path.with_name(f".{path.name}.part")
-    with part.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)

@@ -12,7 +12,7 @@ import numpy as np
 from patterns import errors
 from sim.generation import draw
 from sim.generation.draw import Draw, Fixed, Range
-from sim.generation.table import place, refuse_unknown, text, weight
+from sim.generation.table import refuse_unknown, text, weight
 
 _FILES = (".ply", ".obj", ".glb", ".xml")
 _MESHES = (".ply", ".obj", ".glb")
@@ -140,7 +140,7 @@ def _files(table: Mapping[str, Any], folder: Path, name: str) -> Files:
     words = table.get("paths")
     if not isinstance(words, list) or not words or not all(isinstance(one, str) for one in words):
         raise errors.refuse(f"{name}.paths", "must list files", repr(words), "As ['a.glb'].")
-    paths = tuple(place(folder, word) for word in words)
+    paths = tuple(folder / word for word in words)
     for path in paths:
         _refuse_other(path, _FILES, f"{name}.paths")
     return Files(weight=weight(table, name), paths=paths)
@@ -149,7 +149,7 @@ def _files(table: Mapping[str, Any], folder: Path, name: str) -> Files:
 def _captured(table: Mapping[str, Any], folder: Path, name: str) -> Captured:
     from sim import capture
 
-    scenes = capture.open_set(place(folder, text(table, "folder", name, "captures"))).scenes
+    scenes = capture.open_set(folder / text(table, "folder", name, "captures")).scenes
     return Captured(
         weight=weight(table, name),
         paths=tuple(one.path for one in scenes),
@@ -158,7 +158,7 @@ def _captured(table: Mapping[str, Any], folder: Path, name: str) -> Captured:
 
 
 def _dropped(table: Mapping[str, Any], folder: Path, name: str) -> Dropped:
-    where = place(folder, text(table, "folder", name, "meshes"))
+    where = folder / text(table, "folder", name, "meshes")
     paths = tuple(sorted(path for path in where.rglob("*") if path.suffix.lower() in _MESHES))
     if not paths:
         rule = f"must hold meshes ({', '.join(_MESHES)})"

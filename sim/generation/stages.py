@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from dataclasses import dataclass
+from functools import lru_cache
 
 from sim import scenes, sensors
 from sim.generation import dropped
 from sim.generation.dropped import Lying
-from sim.generation.source import Heap
-from sim.generation.view import View
+from sim.generation.source import Heap, Setting
 from sim.stage import Stage
-
-_KEPT = 2  # The views of one scene may have two presets.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -23,31 +20,19 @@ class Set:
     lying: tuple[Lying, ...] = ()
 
 
-class Stages:
-    """The scenes that were needed last."""
+@lru_cache(maxsize=2)  # The views of one scene may have two presets.
+def of(setting: Setting, preset: str) -> Set:
+    """A scene, as a preset would see it.
 
-    def __init__(self) -> None:
-        """Begin with none."""
-        self._kept: OrderedDict[tuple[int, str], Set] = OrderedDict()
+    Args:
+        setting: what it is made of.
+        preset: name, or sensor file.
 
-    def of(self, view: View) -> Set:
-        """A view's scene, as its preset would see it.
-
-        Raises:
-            InputError: if a file is missing or damaged.
-        """
-        key = (view.scene, view.preset)
-        if key not in self._kept:
-            self._kept[key] = _set(view)
-            while len(self._kept) > _KEPT:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(key)
-        return self._kept[key]
-
-
-def _set(view: View) -> Set:
-    sensor = sensors.load(view.preset)
-    if isinstance(view.setting, Heap):
-        scene, lying = dropped.scene(view.setting, sensor)
+    Raises:
+        InputError: if a file is missing or damaged.
+    """
+    sensor = sensors.load(preset)
+    if isinstance(setting, Heap):
+        scene, lying = dropped.scene(setting, sensor)
         return Set(stage=Stage(scene), lying=lying)
-    return Set(stage=Stage(scenes.load(view.setting.text, sensor)))
+    return Set(stage=Stage(scenes.load(setting.text, sensor)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from patterns import errors
@@ -40,8 +39,3 @@ def text(table: Mapping[str, Any], key: str, name: str, example: str) -> str:
     if not isinstance(value, str) or not value:
         raise errors.refuse(f"{name}.{key}", "must be a text", repr(value), f"As {example!r}.")
     return value
-
-
-def place(folder: Path, word: str) -> Path:
-    """A path that starts at a plan's folder, unless it is absolute."""
-    return folder / word

@@ -15,14 +15,16 @@ from sim import capture_info, capture_writer, png, sensor_edits, sensors
 from sim.capture_info import CaptureInfo
 from sim.effects import setting
 from sim.frames import Pose
+from sim.generation import stages
 from sim.generation.files import Files
 from sim.generation.plan import Plan
 from sim.generation.source import Word
-from sim.generation.stages import Set, Stages
+from sim.generation.stages import Set
 from sim.generation.view import View, view
 from sim.scene import Scene
 from sim.sensor import Sensor
 from sim.simulate import Shot, sequence
+from sim.simulate_captures import facts, indirectly_lit, rgb
 from sim.stage import Stage
 
 _SAMPLES = 16  # Paths a coarse pixel where a plan asks for none: then nothing is indirect.
@@ -39,13 +41,12 @@ class Taken:
     rows: tuple[Row, ...]
 
 
-def take(plan: Plan, number: int, stages: Stages, info: CaptureInfo, out: Path) -> Taken:
+def take(plan: Plan, number: int, info: CaptureInfo, out: Path) -> Taken:
     """Take a view's frames.
 
     Args:
         plan: whose.
         number: of the view.
-        stages: scenes that are set up already.
         info: camera of the set; one of another geometry is written beside the view.
         out: where the set will stand: paths of meshes are written from there.
 
@@ -54,8 +55,8 @@ def take(plan: Plan, number: int, stages: Stages, info: CaptureInfo, out: Path) 
     """
     one = view(plan, number)
     sensor = camera(one)
-    found = stages.of(one)
-    stage = posed(found.stage, one, indirect=plan.samples > 0)
+    found = stages.of(one.setting, one.preset)
+    stage = posed(found.stage, one, samples=plan.samples)
     files = Files(out)
     own = info_of(sensor)
     if own != info:
@@ -85,11 +86,9 @@ def camera(one: View) -> Sensor:
     return setting.on_sensor(sensor, one.effects)
 
 
-def posed(stage: Stage, one: View, *, indirect: bool) -> Stage:
+def posed(stage: Stage, one: View, *, samples: int) -> Stage:
     """The scene as a view's camera stands before it, with its effects on the scene."""
-    scene = setting.on_scene(stage.scene, one.effects)
-    if indirect and not scene.interreflection:
-        scene = dataclasses.replace(scene, interreflection=1.0)
+    scene = indirectly_lit(setting.on_scene(stage.scene, one.effects), samples)
     pose = scene.world_from_left @ one.own_from_left
     return stage.of(dataclasses.replace(scene, world_from_left=pose))
 
@@ -144,13 +143,10 @@ def _write_frame(
         depth=shot.depth,
         depth_unit_m=sensor.post.depth_unit_m,
         infrared=(shot.ir_left, shot.ir_right) if "infrared" in plan.layers else None,
-        colour=_rgb(plan, scene, sensor) if repeat == 0 else None,
+        colour=rgb(scene, sensor) if repeat == 0 and "rgb" in plan.layers else None,
         layers=shot.layers if "exr" in plan.layers else None,
         facts={
-            "exposure_s": shot.exposure_s,
-            "gain": shot.gain,
-            "laser_power": sensor.projector.power_w,
-            "counts": "repeats",
+            **facts(shot, sensor),
             "seed": one.seed,
             "view": one.number,
             "preset": Path(one.preset).stem,
@@ -168,14 +164,6 @@ def _write_frame(
             ],
         },
     )
-
-
-def _rgb(plan: Plan, scene: Scene, sensor: Sensor) -> Any:
-    if "rgb" not in plan.layers or sensor.colour is None:
-        return None
-    from sim import colour
-
-    return colour.picture(scene, sensor)
 
 
 def _row(plan: Plan, one: View, repeat: int, shot: Shot, files: Mapping[str, bytes]) -> Row:

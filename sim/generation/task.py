@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,8 +9,7 @@ from typing import Any
 from patterns.errors import InputError
 from sim.capture_info import CaptureInfo
 from sim.generation.plan import Plan
-from sim.generation.stages import Stages
-from sim.generation.taken import Taken, take
+from sim.generation.taken import Row, Taken, take
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -30,6 +28,11 @@ class Made:
     views: tuple[Taken, ...]
     skipped: tuple[dict[str, Any], ...] = ()  # Views whose scene was not to be had, and why.
 
+    @property
+    def rows(self) -> list[Row]:
+        """Of the index, of all frames."""
+        return [row for one in self.views for row in one.rows]
+
 
 def tasks(plan: Plan, frames: int) -> list[Task]:
     """Part a plan's views, in order, into tasks of so many frames, of one view at least."""
@@ -41,32 +44,19 @@ def tasks(plan: Plan, frames: int) -> list[Task]:
     ]
 
 
-class Worker:
-    """Makes tasks of one plan; keeps the scenes that were needed last."""
+def make(plan: Plan, info: CaptureInfo, out: Path, task: Task) -> Made:
+    """Take a task's views (arguments as `taken.take`).
 
-    def __init__(self, plan: Plan, info: CaptureInfo, out: Path) -> None:
-        """Arguments as `taken.take`."""
-        self._plan, self._info, self._out = plan, info, out
-        self._stages = Stages()
-
-    def make(self, task: Task) -> Made:
-        """Take a task's views.
-
-        Raises:
-            InputError: as `taken.take`, if the plan stops at what is missing.
-        """
-        views: list[Taken] = []
-        skipped: list[dict[str, Any]] = []
-        for number in task.views:
-            try:
-                views.append(take(self._plan, number, self._stages, self._info, self._out))
-            except InputError as error:
-                if self._plan.missing == "stop":
-                    raise
-                skipped.append({"view": number, "why": str(error)})
-        return Made(number=task.number, views=tuple(views), skipped=tuple(skipped))
-
-
-def rows(made: Sequence[Taken]) -> list[dict[str, Any]]:
-    """Rows of the index, of all frames of some views."""
-    return [row for one in made for row in one.rows]
+    Raises:
+        InputError: as `taken.take`, if the plan stops at what is missing.
+    """
+    views: list[Taken] = []
+    skipped: list[dict[str, Any]] = []
+    for number in task.views:
+        try:
+            views.append(take(plan, number, info, out))
+        except InputError as error:
+            if plan.missing == "stop":
+                raise
+            skipped.append({"view": number, "why": str(error)})
+    return Made(number=task.number, views=tuple(views), skipped=tuple(skipped))

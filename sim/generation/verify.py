@@ -13,13 +13,10 @@ import numpy as np
 
 from patterns import errors
 from sim import capture_info, progress
-from sim.generation import index, set_folder, shard
+from sim.generation import index, set_folder, shard, stages
 from sim.generation import plan as plans
 from sim.generation.plan import Plan
-from sim.generation.stages import Stages
 from sim.generation.taken import Row, fingerprint, take
-
-_PLAN = "plan.toml"
 
 
 def verify(
@@ -71,9 +68,10 @@ def verify(
 def _told(path: Path) -> Mapping[str, Any]:
     """What the set was made by."""
     try:
-        return tomllib.loads((path / _PLAN).read_text(encoding="utf-8"))
+        return tomllib.loads((path / set_folder.PLAN).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        rule, advice = f"must have its {_PLAN}", "Copy it again, or verify what was copied from."
+        rule = f"must have its {set_folder.PLAN}"
+        advice = "Copy it again, or verify what was copied from."
         raise errors.refuse("set", rule, f"{path}: {error}", advice) from error
 
 
@@ -83,7 +81,7 @@ def _grouped(
     """Files that are there, and the rows that tell of them: by archive, or by view."""
     by: dict[str, list[Row]] = {}
     for row in rows:
-        by.setdefault(row["shard"] or f"{row['view']:07d}", []).append(row)
+        by.setdefault(row["shard"] or row["name"].partition("/")[0], []).append(row)
     for group in tell(list(by.values()), "checksums"):
         archive = group[0]["shard"]
         if not archive:
@@ -103,11 +101,11 @@ def _made_otherwise(
     views = sorted({row["view"] for row in rows})
     lot = np.random.default_rng(plan.seed).permutation(len(views))[:sample]
     info = capture_info.read(path / capture_info.FILE)
-    stages = Stages()
+    stages.of.cache_clear()  # Files may have changed since this process read them.
     before = {row["frame"]: row["sha256"] for row in rows}
     other: set[int] = set()
     for number in tell([views[one] for one in sorted(lot)], "made again"):
-        for row in take(plan, number, stages, info, path).rows:
+        for row in take(plan, number, info, path).rows:
             if before.get(row["frame"]) != row["sha256"]:
                 other.add(row["frame"])
     return other

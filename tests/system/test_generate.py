@@ -82,7 +82,7 @@ def test_two_workers_make_what_one_makes(plan: Path, whole: Path):
     out = plan.parent / "two"
     generate(plan, out, workers=2, shard_frames=4)
     assert content(out) == content(whole)
-    assert not list(out.glob(".parts")) and not list(out.rglob("*.part"))
+    assert not list(out.glob(".parts")) and not list(out.rglob("*.part*"))
 
 
 def test_a_set_is_read_as_captures_are(whole: Path):
@@ -164,10 +164,11 @@ def test_a_worker_that_was_killed_stops_the_run_and_loses_nothing(plan: Path, wh
         "from pathlib import Path\n"
         "from sim.generation import local\n"
         "from sim.generation.generate import generate\n"
-        "def die(task):\n"
+        "from sim.generation.task import make\n"
+        "def die(plan, info, out, task):\n"
         "    if task.number == 2: os.kill(os.getpid(), 9)\n"
-        "    return local._worker['own'].make(task)\n"
-        "local._make = die\n"
+        "    return make(plan, info, out, task)\n"
+        "local.make = die\n"
         "if __name__ == '__main__':\n"
         "    generate(Path(sys.argv[1]), Path(sys.argv[2]), workers=1, shard_frames=4)\n"
     )
@@ -189,21 +190,32 @@ def test_a_worker_that_was_killed_stops_the_run_and_loses_nothing(plan: Path, wh
 
 def test_a_full_disk_stops_the_run_which_goes_on_later(plan: Path, whole: Path, monkeypatch: Any):
     out = plan.parent / "full"
-    written, write_whole = [0], set_folder._write
+    written, renamed = [0], os.replace
 
-    def full(path: Path, data: bytes) -> None:
+    def full(source: Path, target: Path) -> None:
         written[0] += 1
         if written[0] > 4:
             raise OSError(errno.ENOSPC, "No space left on device")
-        write_whole(path, data)
+        renamed(source, target)
 
-    monkeypatch.setattr(set_folder, "_write", full)
+    monkeypatch.setattr(os, "replace", full)
     with pytest.raises(InputError, match=r"out must have room on its disk; got .*, disk full"):
         generate(plan, out, workers=1, shard_frames=4)
     monkeypatch.undo()
     assert 0 < len(list((out / ".parts").glob("*.json"))) < 5
     generate(plan, out, workers=1, shard_frames=4)
     assert content(out) == content(whole)
+
+
+def test_killed_before_its_plan_stood_there_it_begins_anew(plan: Path, tmp_path: Path):
+    out = tmp_path / "set"
+    (out / ".parts").mkdir(parents=True)
+    (out / ".lock").touch()
+    (out / ".plan.toml.1234abcd.partial").write_text("half")
+    with set_folder.opened(out, "x = 1\n", "folders") as folder:
+        assert folder.done() == set()
+    assert (out / "plan.toml").read_text() == "x = 1\n"
+    assert not list(out.glob(".*.partial"))
 
 
 def test_a_finished_set_is_left_as_it_is(plan: Path, whole: Path):
