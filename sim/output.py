@@ -125,9 +125,8 @@ def write_file(path: Path | str, data: bytes, *, force: bool = False) -> None:
         made_parents = _missing_parents(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with partial.open("wb") as file:
-                file.write(data)
-                file.flush()
+            partial.write_bytes(data)
+            with partial.open("rb+") as file:
                 os.fsync(file.fileno())  # On the disk before it has its name.
             refuse_taken(path, force=force)  # Somebody may have come first.
             os.replace(partial, path)
