@@ -70,6 +70,14 @@ class CapturedScene:
             )
         return Frame(number=number, depth_m=depth_m, record=_record(folder), **images)
 
+    def record(self, number: int) -> dict[str, Any]:
+        """Read what `frame.json` tells of one frame, {} where there is none; no image is read.
+
+        Raises:
+            InputError: if it is no JSON object.
+        """
+        return _record(self.path / str(number))
+
     def truth_m(self) -> NDArray[np.float32] | None:
         """Read the reference depth z [m] (h, w), NaN where unknown; None where there is none.
 

@@ -75,20 +75,20 @@ def verify(captures: Positional[Path], *, sample: int = 8, common: Shared = Comm
 def export(
     captures: Positional[str],
     *,
-    layout: Literal["tum", "bop"],
+    layout: Literal["tum", "bop", "ros2"],
     out: Path,
     meshes: Path = Path("."),
     force: bool = False,
     common: Shared = Common(),
 ) -> None:
-    """Write captures in another program's layout: TUM's RGB-D benchmark, or BOP.
+    """Write captures in another program's layout: TUM's RGB-D benchmark, BOP, or a ROS 2 bag.
 
     Example: starling export out/set --layout bop --meshes meshes --out out/bop
 
     Args:
         captures: capture set, or one scene in it.
         layout: tum: depth, infrared and trajectory by time; bop: images, masks and poses of the
-            objects that were dropped.
+            objects that were dropped; ros2: a bag as a RealSense node records it, in OUT/bag.
         out: folder to make.
         meshes: folder that holds the objects' meshes, for bop.
         force: replace a folder that starling wrote before.

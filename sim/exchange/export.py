@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from sim import capture, record
-from sim.exchange import bop, tum
+from sim.exchange import bop, ros2_bag, tum
 from sim.output import RECORD, OutputFolder, refuse_own_input
 
-Layout = Literal["tum", "bop"]
+Layout = Literal["tum", "bop", "ros2"]
 
 
 def export(
@@ -37,6 +37,8 @@ def export(
     with OutputFolder(out, force=force) as folder:
         if layout == "tum":
             count = tum.export(given.scenes, folder)
+        elif layout == "ros2":
+            count = ros2_bag.export(given.scenes, folder.partial / "bag")
         else:
             count = bop.export(given, meshes, folder)
         arguments = {"captures": captures, "layout": layout, "meshes": str(meshes)}

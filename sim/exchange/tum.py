@@ -23,14 +23,13 @@ from patterns.errors import refuse
 from sim import png
 from sim.capture import CapturedScene
 from sim.depth import from_code, to_code
-from sim.exchange import quaternion
+from sim.exchange import quaternion, sequence
 from sim.exchange.stream import Moment, Stream
 from sim.frames import Pose
 from sim.output import Folder
 from sim.pinhole import Pinhole
 
 UNIT_M = 1 / 5000
-_STEP_S = 1 / 30  # Between frames that tell no time.
 _NEAR_S = 0.02  # Times that are taken for one.
 _CAMERA = "camera.txt"  # fx fy cx cy width height; TUM's own sets have none.
 
@@ -39,7 +38,7 @@ def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
     """Write scenes that follow each other in time, the left infrared image as the picture.
 
     Args:
-        scenes: of one camera; each frame's pose is that of its `frame.json`, where it has one.
+        scenes: each frame's pose is that of its `frame.json`, where it has one.
         folder: where to.
 
     Returns:
@@ -50,34 +49,26 @@ def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
     """
     info = scenes[0].info
     lists: dict[str, list[str]] = {"rgb": [], "depth": [], "groundtruth": []}
-    count = 0
-    for scene in scenes:
-        if Pinhole.of(scene.info) != Pinhole.of(info):
-            advice = "Export the scenes of one camera."
-            raise refuse("scenes", "must be of one camera", scene.path, advice)
-        for number in scene.frames:
-            frame = scene.frame(number)
-            if frame.depth_m is None:
-                advice = "TUM's layout is of depth."
-                raise refuse(f"frame {number} of {scene.name}", "must have depth", "none", advice)
-            time = f"{frame.record.get('timestamp', count * _STEP_S):.6f}"
-            folder.write(f"depth/{time}.png", png.encode(to_code(frame.depth_m, UNIT_M)))
-            lists["depth"].append(f"{time} depth/{time}.png")
-            if frame.ir_left is not None:
-                folder.write(f"rgb/{time}.png", png.encode(frame.ir_left))
-                lists["rgb"].append(f"{time} rgb/{time}.png")
-            if "left_from_world" in frame.record:
-                pose = np.linalg.inv(np.array(frame.record["left_from_world"]))
-                numbers = (*pose[:3, 3], *quaternion.of(pose))
-                lists["groundtruth"].append(" ".join([time, *(f"{one:.9g}" for one in numbers)]))
-            count += 1
+    taken = sequence.of(scenes)
+    for one in taken:
+        frame, depth_m = one.read()
+        time = f"{one.time_s:.6f}"
+        folder.write(f"depth/{time}.png", png.encode(to_code(depth_m, UNIT_M)))
+        lists["depth"].append(f"{time} depth/{time}.png")
+        if frame.ir_left is not None:
+            folder.write(f"rgb/{time}.png", png.encode(frame.ir_left))
+            lists["rgb"].append(f"{time} rgb/{time}.png")
+        pose = sequence.world_from_left(frame)
+        if pose is not None:
+            numbers = (*pose[:3, 3], *quaternion.of(pose))
+            lists["groundtruth"].append(" ".join([time, *(f"{part:.9g}" for part in numbers)]))
     heads = {"rgb": "timestamp filename", "depth": "timestamp filename"}
     for name, lines in lists.items():
         head = heads.get(name, "timestamp tx ty tz qx qy qz qw")
         folder.write(f"{name}.txt", "\n".join([f"# {head}", *lines]) + "\n")
     camera = (info.fx_px, info.fy_px, info.cx_px, info.cy_px, info.width, info.height)
     folder.write(_CAMERA, " ".join(map(repr, camera)) + "\n")
-    return count
+    return len(taken)
 
 
 def read(path: Path, camera: Pinhole | None = None) -> Stream:

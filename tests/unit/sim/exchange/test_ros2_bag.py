@@ -1,0 +1,163 @@
+"""A ROS 2 bag, read back by its ecosystem's own reader."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from patterns.errors import InputError
+from sim import capture, frames
+from sim.exchange import ros2_bag, sequence
+
+rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="the extra ros is not installed")
+typesys = pytest.importorskip("rosbags.typesys")
+
+CAMERA = "/camera/camera"
+
+
+def told(folder: Path, **more: Any) -> None:
+    """Write more into every frame's record; values are asked by the frame's place in order."""
+    places = [
+        scene.path / str(number)
+        for scene in capture.open_set(folder).scenes
+        for number in scene.frames
+    ]
+    for place, path in enumerate(places):
+        file = path / "frame.json"
+        record = json.loads(file.read_text()) if file.exists() else {}
+        file.write_text(json.dumps({**record, **{key: of(place) for key, of in more.items()}}))
+
+
+def played(bag: Path) -> dict[str, list[Any]]:
+    """Messages of each topic, in order."""
+    types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    found: dict[str, list[Any]] = {}
+    with rosbag2.Reader(bag) as reader:
+        for connection, time_ns, data in reader.messages():
+            message = types.deserialize_cdr(data, connection.msgtype)
+            header = getattr(message, "header", None) or message.transforms[0].header
+            assert time_ns == header.stamp.sec * 10**9 + header.stamp.nanosec
+            found.setdefault(connection.topic, []).append(message)
+    return found
+
+
+def image(message: Any) -> np.ndarray:
+    """As a node would read it."""
+    kind = {"mono8": "u1", "mono16": "<u2", "16UC1": "<u2"}[message.encoding]
+    assert message.step == message.width * np.dtype(kind).itemsize and not message.is_bigendian
+    return message.data.view(kind).reshape(message.height, message.width)
+
+
+def pose(transform: Any) -> np.ndarray:
+    """`parent_from_child` of a transform, by the formula of quaternions."""
+    q, t = transform.transform.rotation, transform.transform.translation
+    x, y, z, w = q.x, q.y, q.z, q.w
+    found = np.eye(4)
+    found[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    found[:3, 3] = [t.x, t.y, t.z]
+    return found
+
+
+def test_images_and_intrinsics_are_those_of_the_captures(small_set: Path, tmp_path: Path):
+    captures = capture.open_set(small_set)
+    count = ros2_bag.export(captures.scenes, tmp_path / "bag")
+    found = played(tmp_path / "bag")
+    readings = [scene.frame(number) for scene in captures.scenes for number in scene.frames]
+    assert count == len(readings)
+    names = {"depth": "depth_m", "infra1": "ir_left", "infra2": "ir_right"}
+    for stream, name in names.items():
+        images = found[f"{CAMERA}/{stream}/image_rect_raw"]
+        infos = found[f"{CAMERA}/{stream}/camera_info"]
+        assert len(images) == len(infos) == count
+        for message, info, frame in zip(images, infos, readings, strict=True):
+            assert message.header == info.header
+            seen, given = image(message), getattr(frame, name)
+            if stream == "depth":
+                known = np.isfinite(given)
+                np.testing.assert_allclose(seen[known] * 1e-3, given[known], atol=0.5001e-3)
+                assert (seen[~known] == 0).all()
+            else:
+                np.testing.assert_array_equal(seen, given)
+    info = captures.info
+    right = found[f"{CAMERA}/infra2/camera_info"][0]
+    np.testing.assert_allclose(
+        right.p.reshape(3, 4)[0], [info.fx_px, 0, info.cx_px, -info.fx_px * info.baseline_m]
+    )
+    assert right.header.frame_id == "camera_infra1_optical_frame"
+    assert found[f"{CAMERA}/depth/camera_info"][0].p[3] == 0
+
+
+def test_a_point_is_where_the_frames_say(small_set: Path, tmp_path: Path):
+    """From world through TF's chain into the optical frame, as `left_from_world` takes it."""
+    poses = {place: frames.pose((1, 2, 3), (10.0 * place, 20, 30)) for place in range(20)}
+    told(small_set, left_from_world=lambda place: np.linalg.inv(poses[place]).tolist())
+    scenes = capture.open_set(small_set).scenes
+    ros2_bag.export(scenes, tmp_path / "bag")
+    found = played(tmp_path / "bag")
+    fixed = {one.child_frame_id: one for one in found["/tf_static"][0].transforms}
+    point = np.array([0.3, -0.2, 1.7, 1])
+    for place, message in enumerate(found["/tf"]):
+        (moved,) = message.transforms
+        assert (moved.header.frame_id, moved.child_frame_id) == ("world", "camera_link")
+        chain = pose(moved)
+        for child in ("camera_depth_frame", "camera_depth_optical_frame"):
+            chain = chain @ pose(fixed[child])
+        np.testing.assert_allclose(
+            np.linalg.inv(chain) @ point, np.linalg.inv(poses[place]) @ point, atol=1e-9
+        )
+    right = pose(fixed["camera_infra2_frame"]) @ pose(fixed["camera_infra2_optical_frame"])
+    left = pose(fixed["camera_infra1_frame"]) @ pose(fixed["camera_infra1_optical_frame"])
+    np.testing.assert_allclose(
+        (np.linalg.inv(left) @ right)[:3, 3], [scenes[0].info.baseline_m, 0, 0], atol=1e-12
+    )
+
+
+def test_late_listeners_get_the_fixed_frames(small_set: Path, tmp_path: Path):
+    ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "bag")
+    with rosbag2.Reader(tmp_path / "bag") as reader:
+        (fixed,) = [one for one in reader.connections if one.topic == "/tf_static"]
+        (quality,) = fixed.ext.offered_qos_profiles
+        assert quality.durability.name == "TRANSIENT_LOCAL"
+        assert reader.start_time == 10**9  # A stamp of 0 would mean "now" to tf2.
+
+
+def test_frames_go_by_the_times_they_tell(small_set: Path, tmp_path: Path):
+    told(small_set, timestamp=lambda place: 100.25 - place)
+    taken = sequence.of(capture.open_set(small_set).scenes)
+    assert [one.time_s for one in taken] == sorted(one.time_s for one in taken)
+    assert taken[-1].time_s == 100.25 and taken[-1].number == 0
+    ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "bag")
+    stamps = [one.header.stamp for one in played(tmp_path / "bag")[f"{CAMERA}/depth/camera_info"]]
+    assert (stamps[-1].sec, stamps[-1].nanosec) == (100, 250_000_000)
+    told(small_set, timestamp=lambda place: 5.0)  # All at once: their order is the set's.
+    taken = sequence.of(capture.open_set(small_set).scenes)
+    assert [one.time_s for one in taken] == pytest.approx([n / 30 for n in range(len(taken))])
+
+
+def test_without_the_package_it_says_what_to_install(
+    small_set: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setitem(__import__("sys").modules, "rosbags", None)
+    with pytest.raises(InputError, match=r"rosbags must be installed; got no such package"):
+        ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "bag")
+
+
+def test_a_disk_that_fills_up_is_told(
+    small_set: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    import apsw
+
+    def full(*_: object) -> None:
+        raise apsw.FullError("database or disk is full")
+
+    monkeypatch.setattr(rosbag2.Writer, "write", full)
+    with pytest.raises(InputError, match=r"out must be writable; got .*database or disk is full"):
+        ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "bag")
