@@ -47,7 +47,8 @@ def generate(
 
     Returns:
         `{"out", "frames", "missing", "duplicate", "differing", "skipped", "frames_per_s",
-        "bytes_per_frame", "seconds"}`; rates are of what this run made, None where it was nothing.
+        "bytes_per_frame", "seconds"}`; rates are of what this run made, None where it was nothing;
+        frames of views that were skipped are not missing; `differing` is None: `verify` looks.
 
     Raises:
         InputError: whatever is wrong with plan or folder, a scene's file that is missing where the
@@ -79,13 +80,14 @@ def generate(
             folder.finish({"verb": "generate", "layout": layout})
         figures = set_folder.figures(out)
     seconds = time.perf_counter() - started
-    frames = figures["frames"]
+    wanted = asked.count - asked.frames * len(figures["skipped"])
+    frames, missing, duplicate = index.counted(index.read(out), wanted)
     return {
         "out": str(out),
         "frames": frames,
-        "missing": asked.count - frames,
-        "duplicate": 0,
-        "differing": 0,
+        "missing": missing,
+        "duplicate": duplicate,
+        "differing": None,
         "skipped": figures["skipped"],
         "frames_per_s": new / seconds if new else None,
         "bytes_per_frame": figures["bytes"] / frames if frames else None,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,17 @@ def read(path: Path) -> list[dict[str, Any]]:
     except (OSError, pa.ArrowException) as error:
         reason = str(error).splitlines()[0]
         raise errors.refuse(FILE, "must be a Parquet file", file, f"{reason}.") from error
+
+
+def counted(rows: Sequence[Mapping[str, Any]], wanted: int) -> tuple[int, int, int]:
+    """How many frames there are, are missing, and are there more than once.
+
+    Args:
+        rows: of the index.
+        wanted: frames that there must be, their numbers whatever they are.
+    """
+    counts = Counter(row["frame"] for row in rows)
+    return len(counts), wanted - len(counts), len(rows) - len(counts)
 
 
 def refuse_without() -> None:

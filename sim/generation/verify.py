@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 import tomllib
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -41,8 +40,6 @@ def verify(
     started = time.perf_counter()
     rows = index.read(path)
     told = _told(path)
-    counts = Counter(row["frame"] for row in rows)
-    duplicate = sum(count - 1 for count in counts.values())
     lost: set[int] = set()
     other: set[int] = set()
     for files, group in _grouped(path, rows, tell):
@@ -53,11 +50,11 @@ def verify(
                 other.add(row["frame"])
     plan = plans.from_table(told["plan"], Path(told["run"]["folder"]))
     skipped = {one["view"] for one in set_folder.figures(path)["skipped"]}
-    expected = plan.count - plan.frames * len(skipped)
+    frames, missing, duplicate = index.counted(rows, plan.count - plan.frames * len(skipped))
     other |= _made_otherwise(path, plan, rows, sample, tell) if sample else set()
     return {
-        "frames": len(counts),
-        "missing": expected - len(counts) + len(lost),
+        "frames": frames,
+        "missing": missing + len(lost),
         "duplicate": duplicate,
         "differing": len(other),
         "frames_per_s": len(rows) / (time.perf_counter() - started),
