@@ -1,0 +1,1 @@
+"""Completion without learning: what a learnt method has to beat."""

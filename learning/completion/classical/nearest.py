@@ -1,0 +1,24 @@
+"""The nearest pixel that has depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from learning.completion.classical.outcome import completed, trusted
+from learning.completion.frame import Frame
+from learning.completion.method import Completed
+from learning.geometry.filled import filled
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Nearest:
+    """Gives each hole's pixel the depth of the nearest valid pixel in the image."""
+
+    @property
+    def name(self) -> str:
+        """`nearest`."""
+        return "nearest"
+
+    def fill(self, frame: Frame) -> Completed:
+        """Complete a frame; valid pixels stay as they are."""
+        return completed(frame, filled(frame.depth_m, trusted(frame)))

@@ -1,0 +1,58 @@
+"""Weighted least squares along rows and columns, guided by the image.
+
+Min et al., Fast global image smoothing based on weighted least squares, TIP 2014, as OpenCV has
+it, normalised as its section V does for sparse input: valid inverse depth smoothed, over its mask
+smoothed alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from learning.completion.classical.outcome import completed, guide, inverse, trusted
+from learning.completion.frame import Frame
+from learning.completion.method import Completed
+from learning.geometry.filled import filled
+from patterns.errors import in_interval
+
+_REACHED = 1e-6  # Share of a valid pixel's weight that must arrive.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WeightedLeastSquares:
+    """Fast global smoother, normalised."""
+
+    smoothness: float = 100.0  # Lambda: how far depth spreads where the image is even.
+    sigma_level: float = 3.0  # Of the image's difference [of 255].
+    guide_smoothing_px: float = 1.5  # Of the image before it guides.
+
+    def __post_init__(self) -> None:
+        in_interval("smoothness", self.smoothness, 0.1, 1e6)
+        in_interval("sigma_level", self.sigma_level, 0.1, 1000.0)
+        in_interval("guide_smoothing_px", self.guide_smoothing_px, 0.0, 50.0)
+
+    @property
+    def name(self) -> str:
+        """`wls`."""
+        return "wls"
+
+    def fill(self, frame: Frame) -> Completed:
+        """Complete a frame; valid pixels stay as they are.
+
+        What no valid pixel's weight reaches, closed in by edges, takes the nearest that one does.
+        """
+        known = trusted(frame)
+        smoother = cv2.ximgproc.createFastGlobalSmootherFilter(
+            guide(frame, self.guide_smoothing_px),
+            self.smoothness,
+            self.sigma_level,
+        )
+        weight = np.asarray(smoother.filter(known.astype(np.float32)), np.float32)
+        value = np.asarray(smoother.filter(inverse(frame.depth_m, known)), np.float32)
+        reached = (weight > _REACHED) | known
+        found = np.ones(frame.shape, np.float32)
+        np.divide(weight, value, out=found, where=weight > _REACHED)
+        return completed(frame, filled(np.where(known, frame.depth_m, found), reached))
