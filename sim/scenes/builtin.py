@@ -1,4 +1,4 @@
-"""Scenes that need no file: `wall`, `staircase`, `tabletop` and `clutter`.
+"""Scenes that need no file: `wall`, `staircase`, `tabletop`, `clutter` and `room`.
 
 The world frame is the left imager's (x right, y down, z forward).
 """
@@ -13,6 +13,7 @@ from patterns import errors
 from sim import frames, materials
 from sim.scene import Body, Scene
 from sim.scenes import solids
+from sim.scenes.room import room
 
 _DOWN = np.array([0.0, 1.0, 0.0])
 
@@ -58,6 +59,7 @@ BUILTIN: dict[str, tuple[Callable[..., Scene], str, float]] = {
     "staircase": (staircase, "nearest distance in metres", 0.05),
     "tabletop": (tabletop, "seed", 0),
     "clutter": (clutter, "seed", 0),
+    "room": (room, "seed", 0),
 }  # name: (maker, what NAME:NUMBER means, least number)
 
 
