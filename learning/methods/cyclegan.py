@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from learning.example import Example
 from learning.training.learner import Draw, Learner, initialised, sparing
+from learning.training.samples import Batch
 from learning.training.settings import Settings
 from learning.training.translation import (
     ADVERSARIAL,
@@ -38,7 +39,7 @@ _GENERATORS = ("spoil", "mend")  # Reference depth to the device's and back.
 _DISCRIMINATORS = ("of_device", "of_reference")  # Real device depth? Real reference depth?
 
 
-class CycleGanLearner(Learner):
+class CycleGanLearner(Learner[Batch]):
     """Two generators, each the other's way back, and a discriminator of either heap."""
 
     def __init__(
@@ -49,7 +50,7 @@ class CycleGanLearner(Learner):
         super().__init__(dict(zip(names, networks, strict=True)), optimizers)
         self.settings = how
 
-    def update(self, draw: Draw, step: int) -> dict[str, float]:
+    def update(self, draw: Draw[Batch], step: int) -> dict[str, float]:
         self.set_rate(linear_decay(step, self.settings))
         # Drawn apart, so that the two never show the same place on purpose.
         reference, device = draw("reference").seen, draw("device").target

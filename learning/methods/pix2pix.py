@@ -30,6 +30,7 @@ from learning.training.learner import (
     one_cycle,
     sparing,
 )
+from learning.training.samples import Batch
 from learning.training.settings import Settings
 from learning.training.translation import (
     PatchDiscriminator,
@@ -76,7 +77,7 @@ class Keeper(nn.Module):
         return seen[:, :1] * torch.sigmoid(self.unet(seen[:, 1:]))
 
 
-class Pix2PixLearner(Learner):
+class Pix2PixLearner(Learner[Batch]):
     """A generator, and a discriminator that sees what it was given and what it made of it."""
 
     def __init__(self, generator: nn.Module, discriminator: nn.Module, settings: Settings) -> None:
@@ -84,7 +85,7 @@ class Pix2PixLearner(Learner):
         super().__init__(networks, [adversary(generator), adversary(discriminator)])
         self.settings = settings
 
-    def update(self, draw: Draw, step: int) -> dict[str, float]:
+    def update(self, draw: Draw[Batch], step: int) -> dict[str, float]:
         rate = one_cycle(step, self.settings)
         self.set_rates(rate, _TOLD_RATE * rate)
         batch = draw("crops")

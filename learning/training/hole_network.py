@@ -67,11 +67,10 @@ def fit_hole_network(
         network.requires_grad_(True).train()
     learnt = train(
         HoleLearner(network, settings),
-        samples,
+        drawing.Crops(samples=samples, settings=settings, seed=seed),
         settings,
         kind=f"{name} training",
         folder=folder,
-        seed=seed,
         tell=tell,
     )["holes"]
     weights.save(folder, name, learnt, seen, examples[0].info.shape)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import torch
 from torch import Tensor, nn, optim
@@ -14,7 +14,8 @@ from torch.nn import functional
 from learning.training.samples import Batch
 from learning.training.settings import Settings
 
-Draw = Callable[[str], Batch]  # Gives the crops of this step for a part of the training.
+_Some = TypeVar("_Some")
+Draw = Callable[[str], _Some]  # Gives what a part of this step learns from.
 
 _WARM_UP = 0.1  # Share of the steps in which the rate rises.
 STEEPEST = 1.0  # Gradients longer than this are cut to it.
@@ -43,7 +44,7 @@ def placed(network: nn.Module) -> nn.Module:
     return nn.utils.convert_conv2d_weight_memory_format(network, torch.channels_last)
 
 
-class Learner(ABC):
+class Learner(ABC, Generic[_Some]):
     """Networks under training; everything a restart needs is in them and the optimizers."""
 
     def __init__(self, networks: Mapping[str, nn.Module], optimizers: list[optim.Optimizer]):
@@ -51,7 +52,7 @@ class Learner(ABC):
         self.optimizers = optimizers
 
     @abstractmethod
-    def update(self, draw: Draw, step: int) -> dict[str, float]:
+    def update(self, draw: Draw[_Some], step: int) -> dict[str, float]:
         """Take a step and name the losses before it."""
 
     def state(self) -> dict[str, Any]:
@@ -72,7 +73,7 @@ class Learner(ABC):
                 group["lr"] = rate
 
 
-class HoleLearner(Learner):
+class HoleLearner(Learner[Batch]):
     """Learns logits of no depth, `networks["holes"]`, by log loss.
 
     Every counted pixel weighs the same, however rare holes are: log loss is a proper scoring rule
@@ -90,7 +91,7 @@ class HoleLearner(Learner):
         decay = settings.weight_decay
         super().__init__({"holes": network}, [optim.AdamW(groups, weight_decay=decay)])
 
-    def update(self, draw: Draw, step: int) -> dict[str, float]:
+    def update(self, draw: Draw[Batch], step: int) -> dict[str, float]:
         self.set_rate(one_cycle(step, self.settings))
         batch = draw("crops")
         with sparing(batch.seen.device):

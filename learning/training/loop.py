@@ -12,21 +12,61 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, Self, TypeVar
 
 import torch
 from torch import nn
 
 from learning import checkpoint
-from learning.training import samples as drawing
 from learning.training.learner import Learner
-from learning.training.samples import Batch, Sample
-from learning.training.settings import Settings
 from patterns.errors import refuse
 from sim import output, progress
 
 CHECKPOINT = "training.pt"
 CURVE = "loss.csv"
+
+
+class Schedule(Protocol):
+    """How long a training is."""
+
+    @property
+    def steps(self) -> int:
+        """Of the whole training."""
+        ...
+
+    @property
+    def averaging(self) -> float:
+        """Share that the running average of weights keeps a step."""
+        ...
+
+    @property
+    def save_every(self) -> int:
+        """Steps between checkpoints."""
+        ...
+
+
+class Portion(Protocol):
+    """What a step learns from."""
+
+    def to(self, where: torch.device) -> Self:
+        """The same on a device."""
+        ...
+
+
+_Some = TypeVar("_Some", bound=Portion, covariant=True)
+
+
+class Lot(Protocol[_Some]):
+    """What the steps of a training draw from: equal arguments give equal portions."""
+
+    @property
+    def identity(self) -> str:
+        """Text that changes when what is drawn does."""
+        ...
+
+    def batch(self, step: int, part: str) -> _Some:
+        """What one part of a step learns from."""
+        ...
 
 
 @dataclass(slots=True)
@@ -39,13 +79,12 @@ class _Run:
 
 
 def train(
-    learner: Learner,
-    samples: Sequence[Sample],
-    settings: Settings,
+    learner: Learner[Any],
+    lot: Lot[Any],
+    settings: Schedule,
     *,
     kind: str,
     folder: Path,
-    seed: int,
     tell: progress.Progress = progress.silent,
 ) -> nn.ModuleDict:
     """Train to the end, or go on where `folder`'s checkpoint stands.
@@ -54,12 +93,11 @@ def train(
     Optim. 1992).
 
     Args:
-        learner: freshly initialised.
-        samples: at least one.
-        settings: steps, batches and rates.
+        learner: freshly initialised, for portions as the lot has them.
+        lot: what is learnt from.
+        settings: how long.
         kind: the method, which the checkpoint is marked with.
         folder: gets `training.pt` and `loss.csv`.
-        seed: fixes all crops.
         tell: wraps the loop over steps.
 
     Returns:
@@ -70,14 +108,14 @@ def train(
             of another training.
     """
     run = _Run(copy.deepcopy(learner.networks).requires_grad_(False))
-    identity = f"{settings} seed {seed} data {drawing.digest(samples):08x}"
+    identity = lot.identity
     path = folder / CHECKPOINT
     if path.exists():
         _resume(run, learner, checkpoint.load(path, kind), identity)
     save = partial(_save, run, learner, folder=folder, kind=kind, identity=identity)
     steps = range(run.step, settings.steps)
     for step in tell(steps, f"train {kind}"):
-        _step(run, learner, samples, settings, seed, step)
+        _step(run, learner, lot, settings, step)
         run.step = step + 1
         if run.step % settings.save_every == 0:
             save()
@@ -86,28 +124,11 @@ def train(
     return run.averaged.eval()
 
 
-def _step(
-    run: _Run,
-    learner: Learner,
-    samples: Sequence[Sample],
-    settings: Settings,
-    seed: int,
-    step: int,
-) -> None:
+def _step(run: _Run, learner: Learner[Any], lot: Lot[Any], settings: Schedule, step: int) -> None:
     where = next(learner.networks.parameters()).device
 
-    def draw(part: str) -> Batch:
-        crops, count = settings.crop_px, settings.batch
-        batch = drawing.draw(
-            samples,
-            count=count,
-            crop_px=crops,
-            hidden=settings.hidden,
-            seed=seed,
-            step=step,
-            part=part,
-        )
-        return _moved(batch, where)
+    def draw(part: str) -> Any:
+        return lot.batch(step, part).to(where)
 
     losses = learner.update(draw, step)
     for name, value in losses.items():
@@ -127,14 +148,7 @@ def _check_number(name: str, value: float, step: int) -> None:
         raise refuse(f"loss {name}", "must be a finite number", value, remedy)
 
 
-def _moved(batch: Batch, where: torch.device) -> Batch:
-    def move(tensor: torch.Tensor) -> torch.Tensor:
-        return tensor.to(device=where, memory_format=torch.channels_last)
-
-    return Batch(move(batch.seen), move(batch.target), move(batch.counted))
-
-
-def _save(run: _Run, learner: Learner, *, folder: Path, kind: str, identity: str) -> None:
+def _save(run: _Run, learner: Learner[Any], *, folder: Path, kind: str, identity: str) -> None:
     # The curve first: a kill in between leaves it too long, and going on writes it anew.
     output.write_file(folder / CURVE, _csv(run.curve).encode(), force=True)
     content = learner.state() | {
@@ -146,7 +160,7 @@ def _save(run: _Run, learner: Learner, *, folder: Path, kind: str, identity: str
     checkpoint.save(folder / CHECKPOINT, kind, content)
 
 
-def _resume(run: _Run, learner: Learner, content: dict[str, Any], identity: str) -> None:
+def _resume(run: _Run, learner: Learner[Any], content: dict[str, Any], identity: str) -> None:
     if content["identity"] != identity:
         rule = "must be of this training, with the same scenes, settings and seed"
         remedy = "Choose an empty folder."

@@ -14,6 +14,7 @@ from torch import Tensor
 from learning.example import Example, Image, Mask
 from learning.learnable import check_learnable, known_holes
 from learning.training.channels import check_size
+from learning.training.settings import Settings
 from patterns.errors import refuse
 from sim import progress
 from sim.randomness import generator
@@ -43,6 +44,38 @@ class Batch:
     seen: Tensor  # (b, c, h, w)
     target: Tensor  # (b, 1, h, w)
     counted: Tensor  # (b, 1, h, w), 1 where the target counts, else 0.
+
+    def to(self, where: torch.device) -> Batch:
+        """The same on a device, with the memory layout that convolutions like."""
+        layout = torch.channels_last
+        parts = (self.seen, self.target, self.counted)
+        return Batch(*(part.to(device=where, memory_format=layout) for part in parts))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Crops:
+    """What the steps of a training draw from."""
+
+    samples: Sequence[Sample]  # At least one.
+    settings: Settings
+    seed: int  # Fixes all crops.
+
+    @property
+    def identity(self) -> str:
+        """Text that changes when what is drawn does."""
+        return f"{self.settings} seed {self.seed} data {digest(self.samples):08x}"
+
+    def batch(self, step: int, part: str) -> Batch:
+        """Crops of a step, for one part of it."""
+        return draw(
+            self.samples,
+            count=self.settings.batch,
+            crop_px=self.settings.crop_px,
+            hidden=self.settings.hidden,
+            seed=self.seed,
+            step=step,
+            part=part,
+        )
 
 
 def collect(

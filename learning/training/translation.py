@@ -20,7 +20,7 @@ from learning.training import weights
 from learning.training.channels import check_size
 from learning.training.learner import Learner
 from learning.training.loop import train
-from learning.training.samples import Sample, check_same_size
+from learning.training.samples import Batch, Sample, check_same_size
 from learning.training.settings import Settings
 from learning.unet import UNet
 from patterns.errors import refuse
@@ -137,7 +137,7 @@ DEPTH = Sight(names=("depth",), odd=(), see=depth_image)
 
 def fit_translation(
     examples: Sequence[Example],
-    learner: Learner,
+    learner: Learner[Batch],
     generator: str,
     settings: Settings,
     *,
@@ -166,7 +166,8 @@ def fit_translation(
     """
     samples = _samples(examples, sight, tell)
     kind = f"{name} training"
-    learnt = train(learner, samples, settings, kind=kind, folder=folder, seed=seed, tell=tell)
+    crops = drawing.Crops(samples=samples, settings=settings, seed=seed)
+    learnt = train(learner, crops, settings, kind=kind, folder=folder, tell=tell)
     shape = examples[0].info.shape
     weights.save(folder, name, learnt[generator], sight.names, shape)
     return TranslationPredictor(learnt[generator], shape, sight)
