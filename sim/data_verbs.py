@@ -98,4 +98,56 @@ def export(
     shell.say(exporting.export(captures, layout, out, meshes=meshes, force=force), json=common.json)
 
 
-VERBS = (generate, verify, export)
+def fuse(
+    streams: Positional[tuple[Path, ...]],
+    *,
+    layout: Literal["tum", "labelfusion"],
+    out: Path,
+    camera: str = "",
+    sensor: str = "kinect-v1",
+    voxel: float = 0.005,
+    band: float | None = None,
+    far: float = 3.0,
+    every: int = 1,
+    least: int = 2,
+    force: bool = False,
+    common: Shared = Common(),
+) -> None:
+    """Fuse RGB-D streams to surfaces; their depth at each pose is the frames' reference depth.
+
+    Example: starling fuse log1 log2 --layout labelfusion --camera "528 528 320 240 640 480"
+    --out out/fused
+
+    Args:
+        streams: folders, each of one static room; all of one camera.
+        layout: tum: TUM's RGB-D benchmark; labelfusion: LabelFusion's logs.
+        out: folder of the capture set, which train and evaluate take.
+        camera: of the depth images, fx fy cx cy width height [px]; else what the streams tell.
+        sensor: the device by its preset, for its baseline.
+        voxel: edge of a voxel [m].
+        band: distance from a surface at which its field ends [m], wider than the depth's noise;
+            30 mm, or four voxels where that is more.
+        far: depth beyond this is not fused [m].
+        every: take one frame of so many.
+        least: frames that must have seen a place; more leave less that is wrong, and less.
+        force: replace a folder that starling wrote before.
+    """
+    from sim import progress
+    from sim.fusion.fuse import fuse as fusing
+    from sim.fusion.fused import Fusion
+
+    with progress.on_stderr() as tell:
+        result = fusing(
+            streams,
+            out,
+            layout=layout,
+            camera=camera,
+            sensor=sensor,
+            fusion=Fusion(voxel_m=voxel, band_m=band, far_m=far, every=every, least=least),
+            force=force,
+            tell=tell,
+        )
+    shell.say(result, json=common.json)
+
+
+VERBS = (generate, verify, export, fuse)

@@ -93,8 +93,8 @@ def simulate(
     Example: starling simulate clutter --sensor d435 --out out/clutter --set projector.power_w=0.2
 
     Args:
-        scene: builtin scene (wall, staircase, tabletop, clutter, room), mesh (PLY, OBJ, GLB), Mitsuba
-            XML, capture set or one scene in it.
+        scene: builtin scene (wall, staircase, tabletop, clutter, room), mesh (PLY, OBJ, GLB),
+            Mitsuba XML, capture set or one scene in it.
         sensor: preset (see `starling sensors`) or sensor file (.toml).
         out: folder to make.
         frames: readings of each scene, each with noise of its own.

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,13 +24,12 @@ from sim import png
 from sim.capture import CapturedScene
 from sim.depth import from_code, to_code
 from sim.exchange import quaternion, sequence
-from sim.exchange.stream import Moment, Stream
+from sim.exchange.stream import Moment, Stream, nearest
 from sim.frames import Pose
 from sim.output import Folder
 from sim.pinhole import Pinhole
 
 UNIT_M = 1 / 5000
-_NEAR_S = 0.02  # Times that are taken for one.
 _CAMERA = "camera.txt"  # fx fy cx cy width height; TUM's own sets have none.
 
 
@@ -82,15 +81,15 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
         InputError: if a list is missing or damaged, or the camera is not known.
     """
     depths = _files(path / "depth.txt")
-    pictures = _files(path / "rgb.txt") if (path / "rgb.txt").is_file() else []
+    pictures = sorted(_files(path / "rgb.txt")) if (path / "rgb.txt").is_file() else []
     poses = _poses(path / "groundtruth.txt")
     moments = []
     for time, file in sorted(depths):
-        picture = _nearest(pictures, time)
+        picture = nearest(pictures, time)
         moments.append(
             Moment(
                 time_s=time,
-                world_from_camera=_nearest(poses, time),
+                world_from_camera=nearest(poses, time),
                 depth=partial(_depth, path / file),
                 image=None if picture is None else partial(_picture, path / picture),
             )
@@ -103,8 +102,12 @@ def _files(path: Path) -> list[tuple[float, str]]:
 
 
 def _poses(path: Path) -> list[tuple[float, Pose]]:
-    numbers = [np.array(words, float) for words in _lines(path, 8)]
-    return [(float(one[0]), quaternion.pose(one[1:4], one[4:])) for one in numbers]
+    rows = sorted([float(word) for word in words] for words in _lines(path, 8))
+    for row in rows:
+        if not any(row[4:]):
+            advice = "Is it TUM's layout?"
+            raise refuse(path.name, "must turn by quaternions of a length", row, advice)
+    return [(row[0], quaternion.pose(np.array(row[1:4]), np.array(row[4:]))) for row in rows]
 
 
 def _lines(path: Path, columns: int) -> list[list[str]]:
@@ -129,17 +132,6 @@ def _is_number(word: str) -> bool:
         return False
 
 
-_T = TypeVar("_T")
-
-
-def _nearest(timed: Sequence[tuple[float, _T]], time: float) -> _T | None:
-    """What is nearest in time, None where nothing is near."""
-    if not timed:
-        return None
-    at, found = min(timed, key=lambda one: abs(one[0] - time))
-    return found if abs(at - time) <= _NEAR_S else None
-
-
 def _camera(path: Path) -> Pinhole:
     try:
         words = (path / _CAMERA).read_text(encoding="utf-8").split()
@@ -154,8 +146,8 @@ def _depth(path: Path) -> NDArray[np.float32]:
     return from_code(png.read(path, "depth").astype(np.uint16), UNIT_M)
 
 
-def _picture(path: Path) -> NDArray[np.uint8]:
+def _picture(path: Path) -> NDArray[Any]:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise refuse("rgb", "must be a readable image", path, "Copy it again.")
-    return (image[..., ::-1] if image.ndim == 3 else image).astype(np.uint8)
+    return np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else np.asarray(image)

@@ -13,8 +13,8 @@ def load(word: str, sensor: Sensor) -> Scene:
     """Load the scene that a word names.
 
     Args:
-        word: `wall`, `staircase`, `tabletop`, `clutter` or `room`, each also as NAME:NUMBER (a distance
-            in metres or a seed); a `.ply`, `.obj` or `.glb` file; a Mitsuba `.xml`; or one
+        word: `wall`, `staircase`, `tabletop`, `clutter` or `room`, each also as NAME:NUMBER (a
+            distance in metres or a seed); a `.ply`, `.obj` or `.glb` file; a Mitsuba `.xml`; or one
             scene's folder of a capture set.
         sensor: whose field a mesh's default view fits.
 

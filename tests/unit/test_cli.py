@@ -28,7 +28,7 @@ from tests.unit.command_line import run as _run
 ROOT = Path(__file__).parents[2]
 VERBS = (
     *("doctor", "sensors", "effects", "simulate", "match", "compare", "show", "atlas", "bench"),
-    *("generate", "verify", "export"),
+    *("generate", "verify", "export", "fuse"),
 )
 
 

@@ -103,6 +103,9 @@ def test_pictures_and_poses_are_those_near_in_time(tmp_path: Path):
     colour[..., 2] = 200  # Red, as OpenCV writes it.
     cv2.imwrite(str(tmp_path / "a.png"), colour)
     assert first.image()[0, 0].tolist() == [200, 0, 0]
+    deep = np.full((3, 4), 700, np.uint16)  # As infrared of 10 bits is.
+    cv2.imwrite(str(tmp_path / "a.png"), deep)
+    np.testing.assert_array_equal(first.image(), deep)
     (tmp_path / "rgb.txt").unlink()
     assert all(one.image is None for one in tum.read(tmp_path, camera).moments)
 
@@ -114,6 +117,7 @@ def test_pictures_and_poses_are_those_near_in_time(tmp_path: Path):
         ("depth.txt", "1.0\n", r"depth\.txt must have lines of a time and 1 more; got '1.0'"),
         ("groundtruth.txt", "1 0 0 0 0 0 x 1\n", r"groundtruth\.txt must have lines of a time"),
         ("groundtruth.txt", "nan 0 0 0 0 0 0 1\n", r"groundtruth\.txt must have lines"),
+        ("groundtruth.txt", "1 0 0 0 0 0 0 0\n", r"groundtruth\.txt must turn by quaternions"),
         ("camera.txt", "1 2 3", r"camera\.txt must tell fx fy cx cy width height"),
         ("camera.txt", None, r"camera\.txt must tell fx fy cx cy width height"),
     ],
