@@ -8,7 +8,8 @@ is another camera's; depth and truth are brought into it as a device's driver do
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -47,7 +48,7 @@ class Pair:
     image: NDArray[Any]  # (h, w) grey or (h, w, 3), as it is on disk.
     depth_m: Image  # (h, w) the camera's own [m], NaN = none.
     truth_m: Image | None  # (h, w) [m], NaN where unknown; None where there is none at all.
-    causes: Mapping[str, Mask]  # Why there is no depth -> (h, w) where; each hole has one cause.
+    causes: Callable[[], Mapping[str, Mask]]  # Finds why there is no depth: cause -> (h, w) where.
 
     @property
     def valid(self) -> Mask:
@@ -85,7 +86,7 @@ def pairs(
 
 
 def pair(scene: CapturedScene, number: int, picture: Picture) -> Pair:
-    """Read one frame.
+    """Read one frame; each of its holes has one cause, found when it is asked for.
 
     Holes of a simulated camera, with its `frame.exr`, come with their reasons. A real camera gives
     none: its holes are sorted by what the reference depth has around them, where there is one:
@@ -120,6 +121,7 @@ def pair(scene: CapturedScene, number: int, picture: Picture) -> Pair:
             reason = _unknown(depth_m)
     else:
         image = _infrared(scene, number, getattr(frame, picture), picture)
+    sortable = truth_m is not None and camera == Pinhole.of(info)
     return Pair(
         scene=scene.name,
         room=scene.room,
@@ -129,7 +131,7 @@ def pair(scene: CapturedScene, number: int, picture: Picture) -> Pair:
         image=image,
         depth_m=depth_m,
         truth_m=truth_m,
-        causes=_causes(scene, reason, sortable=truth_m is not None and camera == Pinhole.of(info)),
+        causes=partial(_causes, scene, reason, sortable=sortable),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import torch
 from torch import Tensor, nn, optim
@@ -15,6 +15,7 @@ from learning.training.samples import Batch
 from learning.training.settings import Settings
 
 _Some = TypeVar("_Some")
+_Network = TypeVar("_Network", bound=nn.Module)
 Draw = Callable[[str], _Some]  # Gives what a part of this step learns from.
 
 _WARM_UP = 0.1  # Share of the steps in which the rate rises.
@@ -31,14 +32,14 @@ def sparing(where: torch.device) -> torch.autocast:
     return torch.autocast(where.type, torch.bfloat16, enabled=where.type == "cuda")
 
 
-def initialised(build: Callable[[], nn.Module], seed: int) -> nn.Module:
+def initialised(build: Callable[[], _Network], seed: int) -> _Network:
     """Build a network whose first weights the seed fixes, and leave torch's own draws alone."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         return placed(build())
 
 
-def placed(network: nn.Module) -> nn.Module:
+def placed(network: _Network) -> _Network:
     """Put a network where it is to run, with the memory layout that convolutions like."""
     network = network.to(device())
     return nn.utils.convert_conv2d_weight_memory_format(network, torch.channels_last)
@@ -115,7 +116,21 @@ def mean(values: Tensor, counted: Tensor) -> Tensor:
     return (values * counted).sum() / counted.sum().clamp(min=1)
 
 
-def one_cycle(step: int, settings: Settings) -> float:
+class Rated(Protocol):
+    """How long a training is, and how fast at most."""
+
+    @property
+    def steps(self) -> int:
+        """Of the whole training."""
+        ...
+
+    @property
+    def rate(self) -> float:
+        """Highest learning rate."""
+        ...
+
+
+def one_cycle(step: int, settings: Rated) -> float:
     """Learning rate: a straight rise, then half a cosine to 0 (Smith, arXiv 1803.09820)."""
     rise = max(1.0, _WARM_UP * settings.steps)
     if step < rise:

@@ -1,0 +1,133 @@
+"""Frames to learn from, and the crops drawn from them."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from learning.completion.frame import Image, Mask, checked
+from learning.completion.small.seen import Seen, seen
+from learning.completion.small.settings import Settings
+from patterns.errors import refuse
+from sim.randomness import generator
+
+_HALVED = 0.5  # Share of crops that are seen at half the resolution.
+_GAMMA = (0.6, 1.6)  # Of the image: other cameras' curves, and infrared beside colour.
+_LEAST = 0.2  # Share of a crop that must have depth; else another place is drawn,
+_TRIES = 10  # so often.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Sample:
+    """One frame whose truth is known."""
+
+    image: NDArray[Any]  # (h, w) or (h, w, 3)
+    depth_m: Image  # (h, w) the camera's own [m], NaN = none.
+    truth_m: Image  # (h, w) [m], NaN where unknown.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Batch:
+    """Crops of one step; depths as logarithms, 0 at each crop's median."""
+
+    channels: Tensor  # (b, `CHANNELS`, h, w)
+    proposed: Tensor  # (b, `NAMES`, h, w)
+    given: Tensor  # (b, 1, h, w)
+    valid: Tensor  # (b, 1, h, w), 1 where the camera has depth.
+    truth: Tensor  # (b, 1, h, w), 0 where unknown.
+    known: Tensor  # (b, 1, h, w), 1 where the truth is known.
+
+    def to(self, where: torch.device) -> Batch:
+        """The same on a device, with the memory layout that convolutions like."""
+        layout = torch.channels_last
+        parts = (self.channels, self.proposed, self.given, self.valid, self.truth, self.known)
+        return Batch(*(part.to(device=where, memory_format=layout) for part in parts))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Crops:
+    """What the steps of a training draw from; frames come in turn, in an order of each turn's."""
+
+    samples: Sequence[Sample]
+    settings: Settings
+    seed: int
+
+    def __post_init__(self) -> None:
+        if not self.samples:
+            raise refuse("frames", "must be at least one", 0, "Give captures with truth.png.")
+
+    @property
+    def identity(self) -> str:
+        """Text that changes when what is drawn does."""
+        digest = 0
+        for sample in self.samples:
+            for array in (sample.image, sample.depth_m, sample.truth_m):
+                digest = zlib.crc32(np.ascontiguousarray(array).data, digest)
+        return f"{self.settings} seed {self.seed} data {digest:08x}"
+
+    def batch(self, step: int, part: str) -> Batch:
+        """Crops of a step."""
+        rng = generator(self.seed, step, "completion", part)
+        count = self.settings.batch
+        crops = []
+        for place in range(step * count, (step + 1) * count):
+            turn, position = divmod(place, len(self.samples))
+            order = generator(self.seed, turn, "completion", f"{part} order")
+            chosen = order.permutation(len(self.samples))[position]
+            crops.append(self._crop(self.samples[chosen], rng))
+        return _batch(crops)
+
+    def _crop(self, sample: Sample, rng: np.random.Generator) -> tuple[Seen, Image]:
+        """A crop as it is seen, and its truth."""
+        height, width = sample.depth_m.shape
+        rows, columns = self.settings.crop_px
+        step = 2 if rng.random() < _HALVED and height >= 2 * rows and width >= 2 * columns else 1
+        rows, columns = min(step * rows, height), min(step * columns, width)
+        for _ in range(_TRIES):
+            top = int(rng.integers(height - rows + 1))
+            left = int(rng.integers(width - columns + 1))
+            window = slice(top, top + rows), slice(left, left + columns)
+            valid = np.isfinite(sample.depth_m[window])
+            if valid.mean() > _LEAST:
+                break
+        else:
+            window = slice(None), slice(None)  # Holes almost everywhere: the frame whole.
+        depth_m, truth_m = sample.depth_m[window][::step, ::step], sample.truth_m[window]
+        image = _smaller(sample.image[window], step)
+        valid: Mask = np.isfinite(depth_m)
+        frame = checked(image, depth_m, valid)
+        rgb = frame.rgb ** np.float32(rng.uniform(*_GAMMA))
+        found = seen(checked(rgb, depth_m, valid))
+        return found, np.log(truth_m[::step, ::step] / np.float32(found.median_m))
+
+
+def _smaller(image: NDArray[Any], step: int) -> NDArray[Any]:
+    if step == 1:
+        return image
+    height, width = image.shape[:2]
+    size = (-(-width // step), -(-height // step))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), image.dtype)
+
+
+def _batch(crops: Sequence[tuple[Seen, Image]]) -> Batch:
+    def stacked(arrays: Sequence[NDArray[Any]]) -> Tensor:
+        return torch.from_numpy(np.stack(arrays).astype(np.float32))
+
+    views = [view for view, _ in crops]
+    known = [np.isfinite(truth) for _, truth in crops]
+    return Batch(
+        channels=stacked([view.channels for view in views]),
+        proposed=stacked([view.proposed for view in views]),
+        given=stacked([view.given for view in views])[:, None],
+        valid=stacked([view.valid for view in views])[:, None],
+        truth=stacked([np.nan_to_num(truth) for _, truth in crops])[:, None],
+        known=stacked(known)[:, None],
+    )

@@ -1,0 +1,191 @@
+"""The compact network: what it chooses from, starts from, learns, keeps and leaves alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from learning.completion.frame import Frame, checked
+from learning.completion.method import complete
+from learning.completion.small import small
+from learning.completion.small.crops import Crops, Sample
+from learning.completion.small.network import SmallNetwork, Told, kept
+from learning.completion.small.proposals import NAMES, proposals
+from learning.completion.small.random_holes import with_random_holes
+from learning.completion.small.seen import CHANNELS, seen
+from learning.completion.small.settings import Settings
+from learning.unet import parameter_count
+from patterns.errors import InputError
+
+SHORT = Settings(steps=12, batch=2, crop_px=(32, 48), save_every=4, rate=3e-3)
+NEAR, FAR = 1.0, 3.0
+
+
+def scene(number: int = 0) -> Sample:
+    """A near post before a far wall; left of it the camera is blind, as a stereo camera is."""
+    rng = np.random.default_rng(number)
+    truth = np.full((48, 64), FAR, np.float32)
+    at, wide = int(rng.integers(24, 40)), int(rng.integers(6, 14))
+    truth[:, at : at + wide] = NEAR
+    depth = truth * rng.normal(1, 0.003, truth.shape).astype(np.float32)
+    depth[:, at - 10 : at] = np.nan
+    image = np.where(truth == NEAR, 200, 90).astype(np.uint8)
+    return Sample(image=image, depth_m=depth, truth_m=truth)
+
+
+def frame(sample: Sample) -> Frame:
+    return checked(sample.image, sample.depth_m, np.isfinite(sample.depth_m))
+
+
+def test_a_hole_goes_on_from_each_side():
+    sample = scene()
+    depth = np.where(np.isnan(sample.depth_m), np.nan, sample.truth_m)
+    whole = checked(sample.image, depth, np.isfinite(depth))
+    named = dict(zip(NAMES, proposals(whole), strict=True))
+    hole = np.isnan(depth)
+    np.testing.assert_array_equal(named["left"][hole], FAR)
+    np.testing.assert_array_equal(named["right"][hole], NEAR)
+    assert set(np.unique(named["nearest"][hole])) == {np.float32(NEAR), np.float32(FAR)}
+    for one in named.values():
+        np.testing.assert_array_equal(one[~hole], depth[~hole])
+
+
+@given(st.integers(0, 2**31))
+def test_proposals_are_known_everywhere_and_lie_between_known_depths(seed: int):
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(0.5, 4, (12, 17)).astype(np.float32)
+    valid = rng.random(depth.shape) < rng.uniform(0.02, 0.9)
+    valid[0, 0] = True
+    found = proposals(checked(np.zeros(depth.shape, np.uint8), depth, valid))
+    low, high = depth[valid].min(), depth[valid].max()
+    assert np.isfinite(found).all()
+    assert (found >= low * (1 - 1e-5)).all() and (found <= high * (1 + 1e-5)).all()
+
+
+def test_scale_is_taken_out_of_what_is_seen():
+    sample = scene()
+    one = seen(frame(sample))
+    twice = seen(checked(sample.image, 2 * sample.depth_m, np.isfinite(sample.depth_m)))
+    np.testing.assert_allclose(one.channels, twice.channels, atol=1e-5)
+    assert twice.median_m == pytest.approx(2 * one.median_m)
+    assert one.channels.shape == (len(CHANNELS), 48, 64)
+
+
+def test_before_it_has_learnt_it_gives_the_proposals_mean_and_the_camera_s_own():
+    sample = scene()
+    view = frame(sample)
+    network = small.placed(SmallNetwork()).eval()
+    found = small.Small(network).fill(view)
+    np.testing.assert_array_equal(found.depth_m[view.valid], view.depth_m[view.valid])
+    expected = np.exp(np.log(proposals(view)).mean(axis=0))
+    np.testing.assert_allclose(found.depth_m[~view.valid], expected[~view.valid], rtol=1e-5)
+    assert (found.sigma_m > 0).all()
+    assert parameter_count(network) <= 2_000_000
+
+
+def test_depth_that_is_likely_false_is_replaced():
+    given_, valid = torch.zeros(1, 1, 1, 3), torch.tensor([[[[1.0, 1.0, 0.0]]]])
+    said = torch.full((1, 1, 1, 3), 0.7)
+    false = torch.tensor([[[[-1.0, 1.0, -1.0]]]])
+    told = Told(log_depth=said, log_scale=said, false=false)
+    assert kept(told, given_, valid).flatten().tolist() == pytest.approx([0, 0.7, 0.7])
+
+
+def test_it_learns_that_what_is_hidden_is_far(tmp_path: Path):
+    """From a mean of near and far to far, on scenes it has not seen."""
+    settings = Settings(steps=40, batch=2, crop_px=(48, 64), rate=6e-3, averaging=0.8)
+    learnt = small.fit([scene(n) for n in range(1, 9)], settings, folder=tmp_path, seed=0)
+    sample = scene(99)
+    view = frame(sample)
+    hole = ~view.valid
+    before = small.Small(small.placed(SmallNetwork()).eval()).fill(view).depth_m
+    after = complete(learnt, sample.image, sample.depth_m, view.valid).depth_m
+    error = [float(np.abs(one - sample.truth_m)[hole].mean()) for one in (before, after)]
+    assert error[1] < 0.3 * error[0]
+    again = small.load(tmp_path).fill(view).depth_m
+    np.testing.assert_array_equal(again, after)
+
+
+class _Killed(Exception):
+    pass
+
+
+def _killing(items: Sequence[Any], label: str) -> Iterable[Any]:
+    for count, item in enumerate(items):
+        if count == 9:
+            raise _Killed
+        yield item
+
+
+def test_killed_training_goes_on_to_the_same_bits(tmp_path: Path):
+    scenes = [scene(n) for n in range(3)]
+    whole = small.fit(scenes, SHORT, folder=tmp_path / "whole", seed=3)
+    with pytest.raises(_Killed):
+        small.fit(scenes, SHORT, folder=tmp_path / "killed", seed=3, tell=_killing)
+    resumed = small.fit(scenes, SHORT, folder=tmp_path / "killed", seed=3)
+    for name, value in whole.network.state_dict().items():
+        torch.testing.assert_close(resumed.network.state_dict()[name], value, rtol=0, atol=0)
+    with pytest.raises(InputError, match="checkpoint must be of this training"):
+        small.fit(scenes[:2], SHORT, folder=tmp_path / "killed", seed=3)
+
+
+def test_crops_of_a_step_follow_from_the_seed_and_its_number():
+    lot = Crops(samples=[scene(n) for n in range(3)], settings=SHORT, seed=5)
+    one, again, other = lot.batch(7, "crops"), lot.batch(7, "crops"), lot.batch(8, "crops")
+    torch.testing.assert_close(one.channels, again.channels, rtol=0, atol=0)
+    assert not torch.equal(one.channels, other.channels)
+    assert one.channels.shape == (2, len(CHANNELS), 32, 48)
+    known = one.known > 0
+    error = (one.given - one.truth).abs()[known & (one.valid > 0)]
+    assert error.max() < 0.03  # The camera's noise: truth and depth are cut alike.
+
+
+def test_large_frames_are_seen_at_half_their_size_too():
+    big = Sample(
+        image=np.kron(scene().image, np.ones((2, 2), np.uint8)),
+        depth_m=np.kron(scene().depth_m, np.ones((2, 2), np.float32)),
+        truth_m=np.kron(scene().truth_m, np.ones((2, 2), np.float32)),
+    )
+    settings = Settings(batch=8, crop_px=(48, 64))
+    batch = Crops(samples=[big], settings=settings, seed=0).batch(0, "crops")
+    posts = [int((one < -0.5).any(dim=1).sum()) for one in batch.truth]
+    assert max(posts) >= 1.8 * min(post for post in posts if post)
+
+
+def test_a_frame_almost_without_depth_is_taken_whole():
+    sample = scene()
+    depth = np.full_like(sample.depth_m, np.nan)
+    depth[0, 0] = 2.0
+    only = Sample(image=sample.image, depth_m=depth, truth_m=sample.truth_m)
+    settings = Settings(batch=1, crop_px=(48, 64))
+    batch = Crops(samples=[only], settings=settings, seed=0).batch(0, "crops")
+    assert batch.valid.sum() == 1
+
+
+def test_random_holes_are_as_many_and_elsewhere():
+    sample = scene()
+    other = with_random_holes(sample, 0, 0)
+    was, now = np.isnan(sample.depth_m), np.isnan(other.depth_m)
+    assert was.mean() <= now.mean() < was.mean() + 0.08
+    assert (was & now).sum() < 0.6 * was.sum()
+    closed = was & ~now
+    np.testing.assert_array_equal(other.depth_m[closed], sample.truth_m[closed])
+    kept_ = ~was & ~now
+    np.testing.assert_array_equal(other.depth_m[kept_], sample.depth_m[kept_])
+    assert not np.array_equal(now, np.isnan(with_random_holes(sample, 0, 1).depth_m))
+
+
+def test_nothing_to_learn_from_is_refused(tmp_path: Path):
+    with pytest.raises(InputError, match="frames must be at least one; got 0"):
+        small.fit([], SHORT, folder=tmp_path, seed=0)
+    with pytest.raises(InputError, match="checkpoint must exist"):
+        small.load(tmp_path)
+    with pytest.raises(InputError, match="crop_px must be in"):
+        Settings(crop_px=(0, 4))
