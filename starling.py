@@ -15,6 +15,7 @@ from tyro.conf import FlagCreatePairsOff, PositionalMetavarFromFieldName
 
 import calibration.verbs
 import diagnosis.verbs
+import learning.completion_verbs
 import learning.verbs
 import sim.data_verbs
 import sim.verbs
@@ -26,14 +27,19 @@ for _verb in (
     *sim.data_verbs.VERBS,
     *calibration.verbs.VERBS,
     *learning.verbs.VERBS,
+    *learning.completion_verbs.VERBS,
     *diagnosis.verbs.VERBS,
 ):
     _app.command(_verb)
+
+_OF_TWO_WORDS = {("train", "completion"), ("evaluate", "completion")}  # Each a verb of its own.
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    if tuple(arguments[:2]) in _OF_TWO_WORDS:
+        arguments[:2] = ["-".join(arguments[:2])]
     try:
         with shell.termination_as_exit(), warnings.catch_warnings():
             warnings.showwarning = shell.warn

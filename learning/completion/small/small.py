@@ -80,8 +80,19 @@ def fit(
     network = initialised(SmallNetwork, seed)
     learner = SmallLearner(network, settings)
     learnt = train(learner, lot, settings, kind=f"{_KIND} training", folder=folder, tell=tell)
-    checkpoint.save(folder / WEIGHTS, _KIND, {"weights": learnt["small"].state_dict()})
+    network.load_state_dict(learnt["small"].state_dict())
+    save(Small(network), folder)
     return load(folder)
+
+
+def save(small: Small, folder: Path) -> None:
+    """Leave the weights in a folder.
+
+    Raises:
+        InputError: if they cannot be written.
+    """
+    weights = small.network.state_dict()
+    checkpoint.save(folder / WEIGHTS, _KIND, {"weights": weights})
 
 
 def load(folder: Path) -> Small:

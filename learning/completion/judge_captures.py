@@ -1,0 +1,189 @@
+"""The work of `starling evaluate completion`: how far methods are off, by region and by cause."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from learning import captured
+from learning.completion import judged_pictures, methods
+from learning.completion.method import Method, complete
+from learning.completion.metrics import Figures, Score, Sums, averaged, pooled, score
+from learning.completion.pairs import Pair, Picture, pair
+from learning.figures.bootstrap import paired_difference
+from patterns.errors import refuse
+from sim import capture, progress, record
+from sim.output import RECORD, OutputFolder, refuse_own_input
+
+ERRORS = ("mae_m", "rmse_m")
+_GIVEN = "sensor"  # What the camera itself has, as the first of the methods.
+
+
+def judge_captures(
+    captures: str,
+    words: Sequence[str],
+    out: Path,
+    *,
+    picture: Picture = "ir_left",
+    rooms: Sequence[str] | None = None,
+    seed: int = 0,
+    force: bool = False,
+    tell: progress.Progress = progress.silent,
+) -> dict[str, Any]:
+    """Complete frames whose truth is known by several methods, and compare.
+
+    Args:
+        captures: capture set with reference depth and the camera's own.
+        words: methods, as `methods.asked` takes them.
+        out: folder for figures and pictures.
+        picture: the image that goes with the depth.
+        rooms: to judge; None judges all.
+        seed: of the intervals' draws.
+        force: replace what was judged before.
+        tell: wraps the loop over frames.
+
+    Returns:
+        `{"methods": {WORD: {"all", "hole", "valid", "edge", "reasons"}}, "pooled": the same of all
+        pixels alike, "rooms": {WORD: {ROOM: ...}}, "gains": {WORD: {REGION: {FIGURE: ...}}},
+        "seconds_a_frame": {WORD: ...}, "out", "frames", "seconds"}`. `methods` are means over
+        rooms, each of whose pixels count alike; `sensor` is the camera's own depth. A gain is what
+        share of the error of the best method that learns nothing a learnt one takes away, mean
+        over rooms over the mean of that method, with a 95 % interval over rooms.
+
+    Raises:
+        InputError: whatever is wrong with the captures, the methods or the folder.
+    """
+    begun = time.perf_counter()
+    opened = capture.open_set(captures)
+    refuse_own_input(out, opened.path)
+    captured.check_rooms(opened, rooms or ())
+    if not words:
+        raise refuse("methods", "must be at least one", "none", f"Of {', '.join(methods.NAMES)}.")
+    ready = {word: methods.asked(word) for word in dict.fromkeys(words)}
+    scores: dict[str, dict[str, list[Score]]] = {word: {} for word in (_GIVEN, *ready)}
+    spent: dict[str, list[float]] = {word: [] for word in ready}
+    worst = judged_pictures.Worst()
+    frames = [
+        (scene, number)
+        for scene in opened.scenes
+        if rooms is None or scene.room in rooms
+        for number in scene.frames
+    ]
+    for scene, number in tell(frames, "judge"):
+        one = pair(scene, number, picture)
+        if one.truth_m is None:
+            name, advice = f"scene {one.scene}", "Leave it out, or give reference depth."
+            raise refuse(name, "must have truth.png", "none", advice)
+        told = {_GIVEN: one.depth_m, **_told(ready, one, spent)}
+        causes = one.causes()
+        for word, depth_m in told.items():
+            found = score(
+                depth_m,
+                one.truth_m,
+                one.valid,
+                focal_baseline_px_m=one.focal_baseline_px_m,
+                causes=causes,
+            )
+            scores[word].setdefault(one.room, []).append(found)
+        worst.see(one, told)
+    by_room = {
+        word: {room: pooled(each) for room, each in rooms_.items()}
+        for word, rooms_ in scores.items()
+    }
+    figures = {
+        "methods": {word: _averaged(list(of.values())) for word, of in by_room.items()},
+        "pooled": {word: pooled(of.values()).figures() for word, of in by_room.items()},
+        "rooms": {
+            word: {room: one.figures() for room, one in of.items()} for word, of in by_room.items()
+        },
+        "gains": _gains(by_room, seed),
+        "seconds_a_frame": {word: float(np.median(one)) for word, one in spent.items()},
+        "frames": len(frames),
+    }
+    asked = {"captures": captures, "methods": list(words), "picture": picture, "rooms": rooms}
+    with OutputFolder(out, force=force) as folder:
+        folder.write("worst.png", worst.drawn())
+        kept = {"verb": "evaluate completion", "arguments": asked, "versions": record.versions()}
+        folder.write(RECORD, record.dumps({**kept, "figures": figures}))
+    return {**figures, "out": str(folder.path), "seconds": round(time.perf_counter() - begun, 3)}
+
+
+def _told(
+    ready: Mapping[str, Method], one: Pair, spent: Mapping[str, list[float]]
+) -> dict[str, Any]:
+    found = {}
+    for word, method in ready.items():
+        started = time.perf_counter()
+        found[word] = complete(method, one.image, one.depth_m, one.valid).depth_m
+        spent[word].append(time.perf_counter() - started)
+    return found
+
+
+def _averaged(rooms: Sequence[Score]) -> dict[str, Any]:
+    """Means over rooms, region by region."""
+    causes = sorted({cause for room in rooms for cause in room.reasons})
+    return {
+        **{name: averaged(getattr(room, name) for room in rooms) for name in _REGIONS},
+        "reasons": {
+            cause: averaged(room.reasons.get(cause, Sums()) for room in rooms) for cause in causes
+        },
+    }
+
+
+_REGIONS = ("all", "hole", "valid", "edge")
+
+
+def _gains(by_room: Mapping[str, Mapping[str, Score]], seed: int) -> dict[str, Any]:
+    """Learnt methods beside the best that learns nothing, region by region, error by error."""
+    plain = [word for word in by_room if word in methods.CLASSICAL]
+    learnt = [word for word in by_room if word not in (*plain, _GIVEN)]
+    if not plain or len(next(iter(by_room.values()))) < 2:
+        return {}
+    return {
+        word: {
+            region: {name: _gain(by_room, plain, word, region, name, seed) for name in ERRORS}
+            for region in _REGIONS
+        }
+        for word in learnt
+    }
+
+
+def _gain(
+    by_room: Mapping[str, Mapping[str, Score]],
+    plain: Sequence[str],
+    word: str,
+    region: str,
+    name: str,
+    seed: int,
+) -> dict[str, Any] | None:
+    def errors_of(method: str) -> dict[str, float]:
+        found = {}
+        for room, one in by_room[method].items():
+            figures: Figures = getattr(one, region).figures()
+            error = figures[name]
+            if error is not None:
+                found[room] = float(error)
+        return found
+
+    best = min(plain, key=lambda method: np.mean(list(errors_of(method).values())))
+    theirs, own = errors_of(best), errors_of(word)
+    both = [room for room in theirs if room in own]
+    if len(both) < 2:
+        return None
+    mean = float(np.mean([theirs[room] for room in both]))
+    if mean == 0:
+        return None
+    less = paired_difference(
+        [theirs[room] for room in both], [own[room] for room in both], both, seed=seed
+    )
+    return {
+        "best": best,
+        "gain_pct": 100 * less.mean / mean,
+        "interval": [100 * less.low / mean, 100 * less.high / mean],
+        "rooms_better": less.above,
+        "rooms": less.rooms,
+    }

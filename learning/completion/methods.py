@@ -1,0 +1,55 @@
+"""Methods of completion by name; what one of them needs is loaded when it is asked for."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from learning.completion.method import Method
+from patterns import errors
+
+_CLASSICAL = {  # Module under `learning.completion.classical`, and class.
+    "nearest": ("nearest", "Nearest"),
+    "morphological": ("morphological", "Morphological"),
+    "bilateral": ("bilateral", "Bilateral"),
+    "wls": ("wls", "WeightedLeastSquares"),
+    "poisson": ("poisson", "Poisson"),
+}
+_LEARNT = {  # Module under `learning.completion` whose `load` takes a folder of weights.
+    "small": "small.small",
+    "diffusion": "diffusion.method",
+    "marigold": "baselines.marigold",
+    "marigold-dc": "baselines.marigold_dc",
+    "depth-anything": "baselines.depth_anything",
+}
+CLASSICAL = tuple(_CLASSICAL)
+LEARNT = tuple(_LEARNT)
+NAMES = (*CLASSICAL, *LEARNT)
+
+
+def asked(word: str) -> Method:
+    """Make a method ready.
+
+    Args:
+        word: NAME of `NAMES`; those of `LEARNT` as NAME=WEIGHTS, a folder or the id on a hub.
+
+    Raises:
+        InputError: if there is no such method, weights are missing, damaged or not asked for, or
+            packages that it needs are not installed.
+    """
+    name, equals, weights = word.partition("=")
+    errors.one_of("method", name, NAMES)
+    if name in _CLASSICAL:
+        if equals:
+            raise errors.refuse(name, "must come without weights", word, "Leave out the =.")
+        module, kind = _CLASSICAL[name]
+        made: Any = getattr(import_module(f"learning.completion.classical.{module}"), kind)
+        return made()
+    if not weights:
+        raise errors.refuse(name, "must come with weights", word, f"As {name}=FOLDER.")
+    try:
+        return import_module(f"learning.completion.{_LEARNT[name]}").load(Path(weights))
+    except ModuleNotFoundError as error:
+        remedy = "Install it: pip install 'starling-depth[completion]'."
+        raise errors.refuse(name, f"needs {error.name}", "none", remedy) from error

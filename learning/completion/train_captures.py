@@ -1,0 +1,80 @@
+"""The work of `starling train completion`: captures with truth in, weights out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from learning import captured, work_folder
+from learning.completion.pairs import Picture, pairs
+from learning.completion.small import small
+from learning.completion.small.crops import Sample
+from learning.completion.small.random_holes import with_random_holes
+from learning.completion.small.settings import Settings
+from patterns.errors import refuse
+from sim import capture, progress
+from sim.output import refuse_own_input
+
+Holes = Literal["camera", "random"]
+
+
+def train_captures(
+    captures: str,
+    out: Path,
+    *,
+    picture: Picture = "ir_left",
+    holes: Holes = "camera",
+    rooms: Sequence[str] | None = None,
+    steps: int | None = None,
+    seed: int = 0,
+    force: bool = False,
+    tell: progress.Progress = progress.silent,
+) -> dict[str, Any]:
+    """Train the compact network; what was cut short is gone on with when asked for again.
+
+    Args:
+        captures: capture set with reference depth and the camera's own.
+        out: folder for weights, checkpoint and loss curve.
+        picture: the image that goes with the depth.
+        holes: the camera's own, or random ones in their stead, as a control.
+        rooms: to learn from; None takes all.
+        steps: None leaves the settings' number.
+        seed: of first weights, crops, and random holes.
+        force: drop what starling left in the folder.
+        tell: wraps loops that take long.
+
+    Returns:
+        `{"method", "frames", "hole_share", "out", "seconds"}`.
+
+    Raises:
+        InputError: whatever is wrong with the captures or the folder.
+    """
+    begun = time.perf_counter()
+    opened = capture.open_set(captures)
+    refuse_own_input(out, opened.path)
+    captured.check_rooms(opened, rooms or ())
+    settings = Settings() if steps is None else Settings(steps=steps)
+    asked = {"captures": captures, "picture": picture, "holes": holes, "rooms": rooms}
+    arguments = {"method": "completion", **asked, "steps": settings.steps, "seed": seed}
+    work_folder.begin(out, arguments, force=force)
+    samples: list[Sample] = []
+    for one in tell(list(pairs(opened, picture, rooms=rooms)), "read"):
+        if one.truth_m is None:
+            name, advice = f"scene {one.scene}", "Leave it out, or give reference depth."
+            raise refuse(name, "must have truth.png", "none", advice)
+        sample = Sample(image=one.image, depth_m=one.depth_m, truth_m=one.truth_m)
+        if holes == "random":
+            sample = with_random_holes(sample, seed, len(samples))
+        samples.append(sample)
+    small.fit(samples, settings, folder=out, seed=seed, tell=tell)
+    figures = {
+        "method": "small",
+        "frames": len(samples),
+        "hole_share": float(np.mean([np.isnan(sample.depth_m).mean() for sample in samples])),
+    }
+    work_folder.end(out, "train completion", arguments, figures)
+    return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}

@@ -1,0 +1,133 @@
+"""Verbs of depth completion (see `sim.verbs`)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from sim import shell
+from sim.flags import Common, Shared
+
+Seen = Annotated[
+    Literal["ir_left", "ir_left_off", "rgb"],
+    arg(name="image", help="Image that goes with the depth; a colour image's view is taken."),
+]
+
+
+def complete(
+    captures: Positional[str],
+    *,
+    out: Path,
+    method: str = "bilateral",
+    picture: Seen = "ir_left",
+    force: bool = False,
+    common: Shared = Common(),
+) -> None:
+    """Give captures depth where their camera has none.
+
+    Methods that learn nothing: nearest, morphological, bilateral, wls, poisson. Learnt ones, with a
+    folder of weights: small, diffusion, marigold, marigold-dc, depth-anything.
+
+    Example: starling complete captures/mine --method small=models/completion --out out/complete
+
+    Args:
+        captures: capture set, or one scene in it.
+        out: folder of the capture set that is written, with sigma.png where the method tells it.
+        method: NAME, or NAME=WEIGHTS.
+        force: replace a folder that starling wrote before.
+    """
+    from learning.completion.complete_captures import complete_captures
+    from sim import progress
+
+    with progress.on_stderr() as tell:
+        result = complete_captures(captures, method, out, picture=picture, force=force, tell=tell)
+    shell.say(result, json=common.json)
+
+
+def train_completion(
+    captures: Positional[str],
+    *,
+    out: Path,
+    picture: Seen = "ir_left",
+    holes: Literal["camera", "random"] = "camera",
+    rooms: tuple[str, ...] | None = None,
+    steps: int | None = None,
+    seed: int = 0,
+    force: bool = False,
+    common: Shared = Common(),
+) -> None:
+    """Learn to complete depth, as `starling train completion`; goes on where it was cut short.
+
+    Example: starling train completion out/rooms --out models/completion
+
+    Args:
+        captures: capture set with reference depth (truth.png) and the camera's own (depth.png).
+        out: folder for weights, checkpoint and loss curve.
+        holes: the camera's own; or random ones in their stead, to see what its own are worth.
+        rooms: to learn from; all where none is named.
+        steps: of the training.
+        seed: fixes everything that is drawn.
+        force: drop what starling left in the folder.
+    """
+    from learning.completion.train_captures import train_captures
+    from sim import progress
+
+    with progress.on_stderr() as tell:
+        result = train_captures(
+            captures,
+            out,
+            picture=picture,
+            holes=holes,
+            rooms=rooms,
+            steps=steps,
+            seed=seed,
+            force=force,
+            tell=tell,
+        )
+    shell.say(result, json=common.json)
+
+
+def evaluate_completion(
+    captures: Positional[str],
+    *,
+    out: Path,
+    methods: tuple[str, ...],
+    picture: Seen = "ir_left",
+    rooms: tuple[str, ...] | None = None,
+    seed: int = 0,
+    force: bool = False,
+    common: Shared = Common(),
+) -> None:
+    """Judge completed depth by the truth, as `starling evaluate completion`.
+
+    Example: starling evaluate completion captures/d415-faro --methods nearest wls
+    small=models/completion --out out/judged
+
+    Args:
+        captures: capture set with reference depth (truth.png) and the camera's own (depth.png).
+        out: folder for figures and pictures.
+        methods: NAME or NAME=WEIGHTS each (see `starling complete`).
+        rooms: to judge; all where none is named.
+        seed: of the intervals' draws.
+        force: replace a folder that starling wrote before.
+    """
+    from learning.completion.judge_captures import judge_captures
+    from sim import progress
+
+    with progress.on_stderr() as tell:
+        result = judge_captures(
+            captures,
+            methods,
+            out,
+            picture=picture,
+            rooms=rooms,
+            seed=seed,
+            force=force,
+            tell=tell,
+        )
+    shell.say(result, json=common.json)
+
+
+VERBS = (complete, train_completion, evaluate_completion)

@@ -1,0 +1,154 @@
+"""`starling complete`, `train completion` and `evaluate completion` on a tiny capture set."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import starling
+from learning.completion import methods
+from learning.completion.small import small
+from learning.completion.small.network import SmallNetwork
+from learning.completion.small.small import Small
+from learning.training.learner import initialised
+from patterns.errors import InputError
+from sim import capture, png
+from tests.unit.command_line import Capsys, refused
+from tests.unit.learning import capture_sets
+
+CAUSES = "reasons"
+
+
+def ran(capsys: Capsys, *arguments: object) -> dict[str, Any]:
+    assert starling.main([*map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture
+def captures(tmp_path: Path) -> Path:
+    return capture_sets.write(tmp_path / "set")
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """Weights as training leaves them, unlearnt."""
+    folder = tmp_path / "model"
+    folder.mkdir()
+    small.save(Small(initialised(SmallNetwork, 0)), folder)
+    return folder
+
+
+def test_every_frame_is_completed(captures: Path, tmp_path: Path, capsys: Capsys):
+    told = ran(capsys, "complete", captures, "--method", "poisson", "--out", tmp_path / "out")
+    assert told["frames"] == 4 and told["holes_before"] > 0 and told["holes_after"] == 0
+    before, after = (capture.open_set(path).scenes for path in (captures, tmp_path / "out"))
+    for one, other in zip(before, after, strict=True):
+        assert (one.name, one.room) == (other.name, other.room)
+        given, found = one.frame(0), other.frame(0)
+        assert given.depth_m is not None and found.depth_m is not None
+        valid = np.isfinite(given.depth_m)
+        np.testing.assert_array_equal(found.depth_m[valid], given.depth_m[valid])
+        assert np.isfinite(found.depth_m).all()
+        np.testing.assert_array_equal(found.ir_left, given.ir_left)
+        np.testing.assert_array_equal(one.truth_m(), other.truth_m())
+        assert found.record["completed_by"] == "poisson"
+        assert not (other.path / "0" / "sigma.png").exists()  # It tells none.
+
+
+def test_the_network_tells_its_error_too(
+    captures: Path, model: Path, tmp_path: Path, capsys: Capsys
+):
+    ran(capsys, "complete", captures, "--method", f"small={model}", "--out", tmp_path / "out")
+    scene = capture.open_set(tmp_path / "out").scenes[0]
+    assert (png.read(scene.path / "0" / "sigma.png", "sigma") > 0).all()
+
+
+def test_a_frame_without_depth_is_said_not_to_be_completed(
+    captures: Path, tmp_path: Path, capsys: Capsys
+):
+    path = captures / "hall-view" / "0" / "depth.png"
+    path.write_bytes(png.encode(np.zeros(capture_sets.SHAPE, np.uint16)))
+    told = ran(capsys, "complete", captures, "--method", "nearest", "--out", tmp_path / "out")
+    assert told["cannot"] == 1
+    record = json.loads((tmp_path / "out" / "hall-view" / "0" / "frame.json").read_text())
+    assert record["said"].startswith("cannot")
+
+
+def test_trained_and_judged(captures: Path, tmp_path: Path, capsys: Capsys):
+    model, out = tmp_path / "trained", tmp_path / "judged"
+    two = ("--rooms", "attic", "cellar")
+    told = ran(capsys, "train", "completion", captures, "--out", model, "--steps", 2, *two)
+    assert told["frames"] == 2 and told["hole_share"] > 0
+    words = ("poisson", "morphological", f"small={model}")
+    figures = ran(capsys, "evaluate", "completion", captures, "--methods", *words, "--out", out)
+    assert list(figures["methods"]) == ["sensor", *words]
+    for word in words:
+        found = figures["methods"][word]
+        assert found["hole"]["missing"] == 0 < found["hole"]["pixels"]
+        assert {"all", "hole", "valid", "edge", CAUSES} == set(found)
+        rooms = [one["hole"]["mae_m"] for one in figures["rooms"][word].values()]
+        assert found["hole"]["mae_m"] == pytest.approx(np.mean(rooms))
+    assert figures["methods"]["sensor"]["hole"]["mae_m"] is None
+    assert figures["methods"]["poisson"]["valid"] == figures["methods"]["sensor"]["valid"]
+    gain = figures["gains"][f"small={model}"]["hole"]["mae_m"]
+    means = {word: figures["methods"][word]["hole"]["mae_m"] for word in words}
+    best = min(words[:2], key=lambda word: means[word])
+    assert gain["best"] == best and gain["rooms"] == 4
+    expected = 100 * (1 - means[f"small={model}"] / means[best])
+    assert gain["gain_pct"] == pytest.approx(expected)
+    assert gain["interval"][0] <= gain["gain_pct"] <= gain["interval"][1]
+    assert (out / "worst.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_random_holes_are_learnt_as_a_control(captures: Path, tmp_path: Path, capsys: Capsys):
+    flags = ("--steps", 1, "--holes", "random")
+    told = ran(capsys, "train", "completion", captures, "--out", tmp_path / "control", *flags)
+    own = ran(capsys, "train", "completion", captures, "--out", tmp_path / "own", "--steps", 1)
+    assert told["hole_share"] == pytest.approx(own["hole_share"], rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("bilatera", "method must be a known name; got 'bilatera'. Known: bilateral"),
+        ("wls=models/a", "wls must come without weights; got wls=models/a"),
+        ("small", "small must come with weights; got small. As small=FOLDER."),
+        ("small=", "small must come with weights"),
+        ("small=nowhere", "checkpoint must exist; got nowhere/weights.pt"),
+    ],
+)
+def test_methods_that_are_not_to_be_had(
+    word: str, message: str, captures: Path, tmp_path: Path, capsys: Capsys
+):
+    out = tmp_path / "out"
+    assert message in refused("complete", captures, "--method", word, "--out", out, capsys=capsys)
+    assert not out.exists()
+
+
+def test_packages_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch):
+    def absent(name: str) -> Any:
+        raise ModuleNotFoundError("gone", name="diffusers")
+
+    monkeypatch.setattr(methods, "import_module", absent)
+    with pytest.raises(InputError, match=r"marigold needs diffusers; got none\. Install it: pip"):
+        methods.asked("marigold=somewhere")
+
+
+def test_what_cannot_be_learnt_from_or_judged(captures: Path, tmp_path: Path, capsys: Capsys):
+    out = ("--out", tmp_path / "out")
+    judged = ("evaluate", "completion", captures, *out, "--methods", "nearest")
+    assert "room" in refused(*judged, "--rooms", "loft", capsys=capsys)
+    (captures / "study-view" / "truth.png").unlink()
+    for words in (judged, ("train", "completion", captures, *out)):
+        assert "scene study-view must have truth.png; got none" in refused(*words, capsys=capsys)
+
+
+def test_without_methods_nothing_is_judged(captures: Path, tmp_path: Path):
+    from learning.completion.judge_captures import judge_captures
+
+    with pytest.raises(InputError, match="methods must be at least one; got none"):
+        judge_captures(str(captures), (), tmp_path / "out")
