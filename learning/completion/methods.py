@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 from learning.completion.method import Method
@@ -49,7 +48,7 @@ def asked(word: str) -> Method:
     if not weights:
         raise errors.refuse(name, "must come with weights", word, f"As {name}=FOLDER.")
     try:
-        return import_module(f"learning.completion.{_LEARNT[name]}").load(Path(weights))
+        return import_module(f"learning.completion.{_LEARNT[name]}").load(weights)
     except ModuleNotFoundError as error:
         remedy = "Install it: pip install 'starling-depth[completion]'."
         raise errors.refuse(name, f"needs {error.name}", "none", remedy) from error

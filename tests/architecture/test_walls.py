@@ -31,6 +31,9 @@ LIBRARY_ROOMS = {
     "drjit": {"sim", "calibration"},
     "torch": {"learning"},
     "sklearn": {"diagnosis", "learning"},
+    "diffusers": {"learning"},
+    "transformers": {"learning"},
+    "huggingface_hub": {"learning"},
 }
 # The files that make pictures, and which pictures.
 PICTURE_MAKERS: dict[str, str] = {
@@ -39,6 +42,7 @@ PICTURE_MAKERS: dict[str, str] = {
     "sim/panels.py": "the panels",
     "sim/sweep_picture.py": "the curves of a sweep",
     "learning/evaluation_pictures.py": "the curves of an evaluation",
+    "learning/completion/judged_pictures.py": "errors of completed depth",
 }
 HEAVY = ("mitsuba", "drjit", "torch", "sklearn", "cv2", "matplotlib", "scipy", "numba")
 LONGEST_FILE = 400

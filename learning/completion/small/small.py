@@ -95,14 +95,14 @@ def save(small: Small, folder: Path) -> None:
     checkpoint.save(folder / WEIGHTS, _KIND, {"weights": weights})
 
 
-def load(folder: Path) -> Small:
+def load(folder: Path | str) -> Small:
     """Read what `fit` has left in a folder.
 
     Raises:
         InputError: if there are no weights, they are of another method, or damaged.
     """
     network = SmallNetwork()
-    content = checkpoint.load(folder / WEIGHTS, _KIND)
+    content = checkpoint.load(Path(folder) / WEIGHTS, _KIND)
     checkpoint.restore(network, content["weights"])
     return Small(placed(network).eval().requires_grad_(False))
 

@@ -1,0 +1,228 @@
+"""Training of diffusion: what counts, restarts to the same bits, refusals."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+pytest.importorskip("diffusers", reason="the extra completion is not installed")
+
+from learning.completion.diffusion import model, training, weights
+from learning.completion.diffusion.conditioning import VARIANTS, Variant
+from learning.completion.diffusion.method import Diffusion
+from learning.completion.diffusion.samples import Batch, Sample, draw
+from learning.completion.diffusion.training import Settings, train
+from patterns.errors import InputError
+from tests.unit.learning.completion import tiny_diffusion as tiny
+
+CPU = torch.device("cpu")
+SHORT = Settings(steps=5, batch=3, at_once=2, save_every=2, rate=1e-3)
+
+
+def _sample(seed: int, shape: tuple[int, int] = (13, 18)) -> Sample:
+    frame = tiny.frame(shape, seed)
+    return Sample(frame, np.linspace(1, 2, shape[1], dtype=np.float32)[None].repeat(shape[0], 0))
+
+
+SAMPLES = [_sample(seed) for seed in range(4)]
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tiny.write(tmp_path_factory.mktemp("weights"))
+
+
+class _Killed(Exception):
+    pass
+
+
+def _kill(after: int) -> Any:
+    def tell(items: Sequence[Any], label: str) -> Iterable[Any]:
+        for count, item in enumerate(items):
+            if count == after:
+                raise _Killed
+            yield item
+
+    return tell
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_killed_training_goes_on_to_the_same_bits(
+    published: Path, variant: Variant, tmp_path: Path
+) -> None:
+    def run(folder: str, **how: Any) -> model.Model:
+        parts = weights.load(published)
+        return train(parts, variant, SAMPLES, SHORT, folder=tmp_path / folder, seed=3, **how)
+
+    whole = run("whole")
+    with pytest.raises(_Killed):
+        run("killed", tell=_kill(after=3))
+    resumed = run("killed")
+    read = model.trained(tmp_path / "killed" / training.WEIGHTS)
+    expected = whole.conditioning.networks.state_dict()
+    for other in (resumed, read):
+        assert other.conditioning.variant == variant
+        found = other.conditioning.networks.state_dict()
+        assert found.keys() == expected.keys()
+        for name, value in expected.items():
+            assert torch.equal(found[name], value), name
+    curves = [(tmp_path / name / training.CURVE).read_text() for name in ("whole", "killed")]
+    assert curves[0] == curves[1] and curves[0].count("\n") == 6
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_one_batch_is_learnt(published: Path, variant: Variant) -> None:
+    """Of one sample, at the same times and with the same noise."""
+    made = model.untrained(weights.load(published), variant, seed=0)
+    batch = _batch(SAMPLES[:1], 6)
+    optimizer = torch.optim.Adam(training.trainable(made.conditioning), lr=3e-3)
+    losses = []
+    for _ in range(25):
+        optimizer.zero_grad()
+        loss = training.loss(made, batch, seed=0).mean()
+        loss.backward()
+        optimizer.step()
+        losses.append(loss.item())
+    assert losses[-1] < 0.8 * losses[0], losses
+
+
+def _batch(samples: Sequence[Sample], count: int) -> Batch:
+    (batch,) = draw(samples, step=0, count=count, at_once=count, seed=0, multiple=4, where=CPU)
+    return batch
+
+
+def test_loss_of_a_network_that_tells_nothing_is_the_noises_variance(published: Path) -> None:
+    made = model.untrained(weights.load(published), "rgbd", seed=0)
+    for value in made.conditioning.networks["unet"].get_submodule("conv_out").parameters():
+        torch.nn.init.zeros_(value)
+    loss = training.loss(made, _batch(SAMPLES, 40), seed=0)
+    assert loss.shape == (40,)
+    # 4 x 6 x 9 cells of 4 numbers a sample (those at the padding do not count): sd < 0.02.
+    assert abs(loss.mean().item() - 1) < 0.1
+
+
+def test_only_cells_with_known_truth_count(published: Path) -> None:
+    """Noise told at other cells may be anything."""
+    truth = SAMPLES[0].truth_m.copy()
+    truth[:, 10:] = np.nan
+    sample = Sample(SAMPLES[0].frame, truth)
+    assert _counted(published, "rgbd", sample) == {
+        (row, column) for row in range(6) for column in range(5)
+    }
+
+
+def test_with_the_mask_only_holes_count(published: Path) -> None:
+    """The hole is at rows 4 to 7, columns 6 to 8 of pixels; a cell is 2x2."""
+    assert _counted(published, "rgbd-mask", SAMPLES[0]) == {
+        (row, column) for row in (2, 3) for column in (3, 4)
+    }
+
+
+def _counted(published: Path, variant: Variant, sample: Sample) -> set[tuple[int, int]]:
+    """Cells where the noise told moves the loss."""
+    made = model.untrained(weights.load(published), variant, seed=0)
+    told: list[torch.Tensor] = []
+
+    def keep(module: Any, given: Any, output: Any) -> Any:
+        told.append(output[0])
+        output[0].retain_grad()
+        return output
+
+    made.conditioning.networks["unet"].register_forward_hook(keep)
+    training.loss(made, _batch([sample], 1), seed=0).sum().backward()
+    gradient = told[0].grad
+    assert gradient is not None
+    rows, columns = np.nonzero(gradient[0].abs().sum(dim=0).numpy())
+    return {(int(row), int(column)) for row, column in zip(rows, columns, strict=True)}
+
+
+def test_a_step_is_the_same_however_many_the_device_holds(published: Path, tmp_path: Path) -> None:
+    """But for rounding."""
+    curves = []
+    for at_once in (1, 3):
+        settings = dataclasses.replace(SHORT, at_once=at_once, steps=2, rate=1e-4)
+        folder = tmp_path / str(at_once)
+        train(weights.load(published), "rgbd", SAMPLES, settings, folder=folder, seed=0)
+        lines = (folder / training.CURVE).read_text().splitlines()[1:]
+        curves.append([float(line.split(",")[1]) for line in lines])
+    np.testing.assert_allclose(curves[0], curves[1], rtol=1e-4)
+
+
+def test_every_sample_comes_once_a_turn() -> None:
+    seen = [
+        float(batch.seen.image[place].sum())
+        for step in range(4)
+        for batch in draw(SAMPLES, step=step, count=2, at_once=2, seed=1, multiple=4, where=CPU)
+        for place in range(2)
+    ]
+    assert len(set(seen[:4])) == 4 and sorted(seen[:4]) == sorted(seen[4:])
+
+
+def test_defaults_are_the_papers() -> None:
+    assert (Settings().steps, Settings().batch, Settings().rate) == (36_000, 32, 3e-5)
+
+
+def test_trained_weights_complete(published: Path, tmp_path: Path) -> None:
+    settings = dataclasses.replace(SHORT, steps=1)
+    made = train(weights.load(published), "rgbd", SAMPLES, settings, folder=tmp_path, seed=0)
+    found = Diffusion(model=made, steps=2).fill(SAMPLES[0].frame)
+    assert found.depth_m.shape == (13, 18)
+
+
+def _other_size() -> list[Sample]:
+    return [_sample(0), _sample(1, (12, 18))]
+
+
+def _no_depth() -> list[Sample]:
+    frame = tiny.frame()
+    blind = dataclasses.replace(frame, valid=np.zeros_like(frame.valid))
+    return [Sample(blind, SAMPLES[0].truth_m)]
+
+
+def _endless() -> list[Sample]:
+    frame = tiny.frame()
+    return [Sample(dataclasses.replace(frame, rgb=frame.rgb * np.inf), SAMPLES[0].truth_m)]
+
+
+@pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
+@pytest.mark.parametrize(
+    ("samples", "message"),
+    [
+        (list, "samples must be at least one; got 0. "),
+        (_other_size, "samples must all have one size, ("),
+        (_no_depth, "samples must have sensor depth; got none in sample 0. "),
+        (_endless, "loss must be a finite number; got nan. Stopped at batch 0: "),
+    ],
+)
+def test_samples_refused(published: Path, samples: Any, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as error:
+        train(weights.load(published), "rgbd", samples(), SHORT, folder=tmp_path, seed=0)
+    assert str(error.value).startswith(message)
+
+
+def test_settings_refused() -> None:
+    with pytest.raises(InputError, match=r"^at_once must be in \[1, 1e\+07\]; got 0\. "):
+        Settings(at_once=0)
+    with pytest.raises(InputError, match=r"^rate must be > 0; got 0\. "):
+        Settings(rate=0)
+
+
+def test_checkpoint_of_another_training_is_refused(published: Path, tmp_path: Path) -> None:
+    settings = dataclasses.replace(SHORT, steps=1)
+    train(weights.load(published), "rgbd", SAMPLES, settings, folder=tmp_path, seed=0)
+    with pytest.raises(InputError, match=r"^checkpoint must be of this training, with the same "):
+        train(weights.load(published), "rgbd", SAMPLES, settings, folder=tmp_path, seed=1)
+
+
+def test_weights_without_their_checkpoint_are_not_taken_for_those_of_this_training(
+    published: Path, tmp_path: Path
+) -> None:
+    (tmp_path / training.WEIGHTS).mkdir()
+    with pytest.raises(InputError, match=r"^folder must not hold weights/ of another training; "):
+        train(weights.load(published), "rgbd", SAMPLES, SHORT, folder=tmp_path, seed=0)
