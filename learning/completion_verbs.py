@@ -50,6 +50,8 @@ def train_completion(
     captures: Positional[str],
     *,
     out: Path,
+    start: str = "",
+    variant: Literal["rgbd", "rgbd-mask", "controlnet"] = "rgbd",
     picture: Seen = "ir_left",
     holes: Literal["camera", "random"] = "camera",
     rooms: tuple[str, ...] | None = None,
@@ -65,6 +67,10 @@ def train_completion(
     Args:
         captures: capture set with reference depth (truth.png) and the camera's own (depth.png).
         out: folder for weights, checkpoint and loss curve.
+        start: weights of Stable Diffusion 2, a folder or the id on a hub, which then learns to
+            complete depth; without, a compact network learns from nothing.
+        variant: how Stable Diffusion is told image and depth: side by side, with a mask of holes
+            too, or by ControlNet.
         holes: the camera's own; or random ones in their stead, to see what its own are worth.
         rooms: to learn from; all where none is named.
         steps: of the training.
@@ -78,6 +84,8 @@ def train_completion(
         result = train_captures(
             captures,
             out,
+            start=start,
+            variant=variant,
             picture=picture,
             holes=holes,
             rooms=rooms,

@@ -10,6 +10,8 @@ from typing import Any, Literal
 import numpy as np
 
 from learning import captured, work_folder
+from learning.completion.diffusion.variants import Variant
+from learning.completion.frame import checked
 from learning.completion.pairs import Picture, pairs
 from learning.completion.small import small
 from learning.completion.small.crops import Sample
@@ -17,6 +19,7 @@ from learning.completion.small.random_holes import with_random_holes
 from learning.completion.small.settings import Settings
 from patterns.errors import refuse
 from sim import capture, progress
+from sim.capture import CaptureSet
 from sim.output import refuse_own_input
 
 Holes = Literal["camera", "random"]
@@ -26,6 +29,8 @@ def train_captures(
     captures: str,
     out: Path,
     *,
+    start: str = "",
+    variant: Variant = "rgbd",
     picture: Picture = "ir_left",
     holes: Holes = "camera",
     rooms: Sequence[str] | None = None,
@@ -34,11 +39,14 @@ def train_captures(
     force: bool = False,
     tell: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
-    """Train the compact network; what was cut short is gone on with when asked for again.
+    """Train a network; what was cut short is gone on with when asked for again.
 
     Args:
         captures: capture set with reference depth and the camera's own.
         out: folder for weights, checkpoint and loss curve.
+        start: weights of an image generator, a folder or the id on a hub, that learns to complete
+            depth; empty trains the compact network from nothing.
+        variant: how the generator is told what is seen; see `diffusion.variants`.
         picture: the image that goes with the depth.
         holes: the camera's own, or random ones in their stead, as a control.
         rooms: to learn from; None takes all.
@@ -59,22 +67,64 @@ def train_captures(
     captured.check_rooms(opened, rooms or ())
     settings = Settings() if steps is None else Settings(steps=steps)
     asked = {"captures": captures, "picture": picture, "holes": holes, "rooms": rooms}
-    arguments = {"method": "completion", **asked, "steps": settings.steps, "seed": seed}
+    kind = {"method": "diffusion", "start": start, "variant": variant} if start else {}
+    arguments = {"method": "small", **kind, **asked, "steps": steps, "seed": seed}
     work_folder.begin(out, arguments, force=force)
-    samples: list[Sample] = []
+    samples = _samples(opened, picture, holes, rooms, seed, tell)
+    if start:
+        _fit_diffusion(samples, start, variant, steps, folder=out, seed=seed, tell=tell)
+    else:
+        small.fit(samples, settings, folder=out, seed=seed, tell=tell)
+    figures = {
+        "method": arguments["method"],
+        "frames": len(samples),
+        "hole_share": float(np.mean([np.isnan(sample.depth_m).mean() for sample in samples])),
+    }
+    work_folder.end(out, "train completion", arguments, figures)
+    return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}
+
+
+def _samples(
+    opened: CaptureSet,
+    picture: Picture,
+    holes: Holes,
+    rooms: Sequence[str] | None,
+    seed: int,
+    tell: progress.Progress,
+) -> list[Sample]:
+    found: list[Sample] = []
     for one in tell(list(pairs(opened, picture, rooms=rooms)), "read"):
         if one.truth_m is None:
             name, advice = f"scene {one.scene}", "Leave it out, or give reference depth."
             raise refuse(name, "must have truth.png", "none", advice)
         sample = Sample(image=one.image, depth_m=one.depth_m, truth_m=one.truth_m)
         if holes == "random":
-            sample = with_random_holes(sample, seed, len(samples))
-        samples.append(sample)
-    small.fit(samples, settings, folder=out, seed=seed, tell=tell)
-    figures = {
-        "method": "small",
-        "frames": len(samples),
-        "hole_share": float(np.mean([np.isnan(sample.depth_m).mean() for sample in samples])),
-    }
-    work_folder.end(out, "train completion", arguments, figures)
-    return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}
+            sample = with_random_holes(sample, seed, len(found))
+        found.append(sample)
+    return found
+
+
+def _fit_diffusion(
+    samples: Sequence[Sample],
+    start: str,
+    variant: Variant,
+    steps: int | None,
+    *,
+    folder: Path,
+    seed: int,
+    tell: progress.Progress,
+) -> None:
+    """Let an image generator learn to complete depth; its weights are left in `folder/weights`."""
+    try:
+        from learning.completion.diffusion import training, weights
+        from learning.completion.diffusion.samples import Sample as Told
+    except ModuleNotFoundError as error:
+        remedy = "Install it: pip install 'starling-depth[completion]'."
+        raise refuse("diffusion", f"needs {error.name}", "none", remedy) from error
+    settings = training.Settings() if steps is None else training.Settings(steps=steps)
+    told = [
+        Told(checked(one.image, one.depth_m, np.isfinite(one.depth_m)), one.truth_m)
+        for one in samples
+    ]
+    parts = weights.load(start)
+    training.train(parts, variant, told, settings, folder=folder, seed=seed, tell=tell)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import chain
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import torch
 from diffusers.models.autoencoders.autoencoder_kl import AutoencoderKL
@@ -14,11 +14,9 @@ from torch import Tensor, nn
 from learning.completion.diffusion import latents
 from learning.completion.diffusion.seen import Seen
 from learning.completion.diffusion.unet import widen
+from learning.completion.diffusion.variants import VARIANTS, Variant
 from learning.completion.diffusion.weights import Weights
 from patterns.errors import one_of, refuse
-
-Variant = Literal["rgbd", "rgbd-mask", "controlnet"]
-VARIANTS: tuple[Variant, ...] = ("rgbd", "rgbd-mask", "controlnet")
 
 _LATENTS = 3  # Of image, sensor depth and noisy depth.
 _EMBEDDING = (16, 32, 96, 256)  # Widths of ControlNet's encoder, each half the size of the last.

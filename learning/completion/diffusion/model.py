@@ -12,8 +12,9 @@ from diffusers.schedulers.scheduling_ddim import DDIMScheduler
 from torch import Tensor, nn
 
 from learning.completion.diffusion import latents, weights
-from learning.completion.diffusion.conditioning import Conditioning, Variant, begin, learnt
+from learning.completion.diffusion.conditioning import Conditioning, begin, learnt
 from learning.completion.diffusion.text import empty_prompt
+from learning.completion.diffusion.variants import Variant
 from learning.completion.diffusion.weights import Weights
 from learning.training.learner import device
 

@@ -20,9 +20,10 @@ from torch import Tensor, nn, optim
 
 from learning import checkpoint
 from learning.completion.diffusion import latents, samples, weights
-from learning.completion.diffusion.conditioning import Variant, trainable
+from learning.completion.diffusion.conditioning import trainable
 from learning.completion.diffusion.model import Model, untrained
 from learning.completion.diffusion.samples import Batch, Sample
+from learning.completion.diffusion.variants import Variant
 from learning.completion.diffusion.weights import Weights
 from learning.training.learner import sparing
 from patterns import errors

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,12 +15,14 @@ import torch
 
 pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
+import starling
 from learning.completion.diffusion import model, training, weights
-from learning.completion.diffusion.conditioning import VARIANTS, Variant
 from learning.completion.diffusion.method import Diffusion
 from learning.completion.diffusion.samples import Batch, Sample, draw
 from learning.completion.diffusion.training import Settings, train
+from learning.completion.diffusion.variants import VARIANTS, Variant
 from patterns.errors import InputError
+from tests.unit.learning import capture_sets
 from tests.unit.learning.completion import tiny_diffusion as tiny
 
 CPU = torch.device("cpu")
@@ -226,3 +230,28 @@ def test_weights_without_their_checkpoint_are_not_taken_for_those_of_this_traini
     (tmp_path / training.WEIGHTS).mkdir()
     with pytest.raises(InputError, match=r"^folder must not hold weights/ of another training; "):
         train(weights.load(published), "rgbd", SAMPLES, SHORT, folder=tmp_path, seed=0)
+
+
+def test_from_the_command_line_and_used_like_any_method(
+    published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    captures, out = capture_sets.write(tmp_path / "set"), tmp_path / "trained"
+    flags = ["--start", str(published), "--variant", "rgbd-mask", "--steps", "1"]
+    assert starling.main(["train", "completion", str(captures), "--out", str(out), *flags]) == 0
+    method = f"diffusion={out / 'weights'}"
+    done = tmp_path / "done"
+    arguments = ["complete", str(captures), "--method", method, "--out", str(done), "--json"]
+    assert starling.main(arguments) == 0
+    told = json.loads("{" + capsys.readouterr().out.rpartition("\n{")[2])
+    assert told["frames"] == 4 and told["method"] == method
+
+
+def test_without_its_packages_it_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    captures = capture_sets.write(tmp_path / "set")
+    monkeypatch.setitem(sys.modules, "learning.completion.diffusion.training", None)
+    monkeypatch.delattr("learning.completion.diffusion.training", raising=False)
+    flags = ["--out", str(tmp_path / "out"), "--start", "anywhere"]
+    assert starling.main(["train", "completion", str(captures), *flags]) == 1
+    assert "diffusion needs learning.completion.diffusion.training" in capsys.readouterr().err
