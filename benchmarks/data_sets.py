@@ -5,6 +5,8 @@ round and what they are compared with run one after the other. Usage, on a machi
 else:
 
     python benchmarks/data_sets.py [--rounds 3] [--frames 64] [--memory-frames 2000] [--no-ray]
+
+Without rounds memory and bytes are measured alone.
 """
 
 from __future__ import annotations
@@ -194,7 +196,7 @@ def main() -> None:
         ratios["ray"] = [one["ray_fps"] / one["two_workers_fps"] for one in rounds]
     told = {
         "rounds": rounds,
-        "ratios": {name: float(np.median(values)) for name, values in ratios.items()},
+        "ratios": {name: float(np.median(values)) for name, values in ratios.items() if values},
         "bytes_per_frame": {layers: one["bytes_per_frame"] for layers, one in sizes.items()},
         "memory": remembered,
     }
