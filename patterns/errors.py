@@ -21,6 +21,18 @@ def refuse(name: str, rule: str, value: object, remedy: str) -> InputError:
     return InputError(" ".join(text.split()))
 
 
+def needs(name: str, package: str, extra: str) -> InputError:
+    """Build (not raise) the refusal of what an optional package is missing for.
+
+    Args:
+        name: what needs it.
+        package: that is not installed.
+        extra: of this program, which brings it.
+    """
+    remedy = f"Install it: pip install 'starling-depth[{extra}]'."
+    return refuse(name, f"needs {package}", "none", remedy)
+
+
 def _is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 

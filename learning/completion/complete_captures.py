@@ -11,7 +11,7 @@ import numpy as np
 
 from learning.completion import methods
 from learning.completion.method import Completed, complete
-from learning.completion.pairs import Pair, Picture, pair
+from learning.completion.pairs import Pair, Picture, pairs
 from sim import capture, capture_info, png, progress, record
 from sim.capture_info import CaptureInfo
 from sim.depth import to_code
@@ -59,9 +59,7 @@ def complete_captures(
     arguments = {"captures": captures, "method": method, "picture": picture}
     with OutputFolder(out, force=force) as folder:
         folder.write(capture_info.FILE, capture_info.dumps(_info(given.info, picture)))
-        frames = [(scene, number) for scene in given.scenes for number in scene.frames]
-        for scene, number in tell(frames, "complete"):
-            one = pair(scene, number, picture)
+        for one in pairs(given, picture, tell=tell, label="complete"):
             started = time.perf_counter()
             found = complete(ready, one.image, one.depth_m, one.valid)
             spent.append(time.perf_counter() - started)
@@ -71,7 +69,7 @@ def complete_captures(
             _write(folder, one, found, picture, given.info.depth_unit_m, method)
         figures = {
             "method": method,
-            "frames": len(frames),
+            "frames": len(spent),
             "cannot": cannot,
             "holes_before": float(np.mean(before)),
             "holes_after": float(np.mean(after)),

@@ -13,7 +13,7 @@ from learning import captured
 from learning.completion import judged_pictures, methods
 from learning.completion.method import Method, complete
 from learning.completion.metrics import Figures, Score, Sums, averaged, pooled, score
-from learning.completion.pairs import Pair, Picture, pair
+from learning.completion.pairs import Pair, Picture, pairs
 from learning.figures.bootstrap import paired_difference
 from patterns.errors import refuse
 from sim import capture, progress, record
@@ -67,23 +67,14 @@ def judge_captures(
     scores: dict[str, dict[str, list[Score]]] = {word: {} for word in (_GIVEN, *ready)}
     spent: dict[str, list[float]] = {word: [] for word in ready}
     worst = judged_pictures.Worst()
-    frames = [
-        (scene, number)
-        for scene in opened.scenes
-        if rooms is None or scene.room in rooms
-        for number in scene.frames
-    ]
-    for scene, number in tell(frames, "judge"):
-        one = pair(scene, number, picture)
-        if one.truth_m is None:
-            name, advice = f"scene {one.scene}", "Leave it out, or give reference depth."
-            raise refuse(name, "must have truth.png", "none", advice)
+    for one in pairs(opened, picture, rooms=rooms, tell=tell, label="judge"):
+        truth_m = one.truth()
         told = {_GIVEN: one.depth_m, **_told(ready, one, spent)}
         causes = one.causes()
         for word, depth_m in told.items():
             found = score(
                 depth_m,
-                one.truth_m,
+                truth_m,
                 one.valid,
                 focal_baseline_px_m=one.focal_baseline_px_m,
                 causes=causes,
@@ -102,7 +93,7 @@ def judge_captures(
         },
         "gains": _gains(by_room, seed),
         "seconds_a_frame": {word: float(np.median(one)) for word, one in spent.items()},
-        "frames": len(frames),
+        "frames": sum(map(len, scores[_GIVEN].values())),
     }
     asked = {"captures": captures, "methods": list(words), "picture": picture, "rooms": rooms}
     with OutputFolder(out, force=force) as folder:

@@ -1,4 +1,4 @@
-"""Pictures of an evaluation: the frames whose holes the last method fills worst, and best."""
+"""Pictures of an evaluation: the frames whose holes the last method fills worst."""
 
 from __future__ import annotations
 
@@ -29,8 +29,7 @@ class Worst:
 
     def see(self, one: Pair, told: Mapping[str, Image]) -> None:
         """Look at a frame and what methods made of it; all of one shape."""
-        assert one.truth_m is not None
-        off = np.abs(list(told.values())[-1] - one.truth_m)[~one.valid]
+        off = np.abs(list(told.values())[-1] - one.truth())[~one.valid]
         known = off[np.isfinite(off)]
         self.kept.append((float(known.mean()) if known.size else 0.0, one, told))
         self.kept.sort(key=lambda row: -row[0])
@@ -43,8 +42,7 @@ class Worst:
 
 
 def _rows(one: Pair, told: Mapping[str, Image]) -> list[list[Panel]]:
-    truth = one.truth_m
-    assert truth is not None
+    truth = one.truth()
     limits = panels.depth_limits(truth)
     title = f"{one.scene}: truth"
     depths = [Panel(draw=partial(panels.depth, depth_m=truth, limits=limits, title=title))]

@@ -23,6 +23,11 @@ class Completed:
     said: str = ""  # Why depth is as it was given: `CANNOT`, `NOTHING`.
 
 
+def untold(frame: Frame) -> Image:
+    """Expected error of a method that tells none: NaN (h, w)."""
+    return np.full(frame.shape, np.nan, np.float32)
+
+
 class Method(Protocol):
     """A way to complete depth, ready to be used."""
 
@@ -59,7 +64,7 @@ def complete(
         InputError: as `checked`.
     """
     frame = checked(rgb, depth_m, valid)
-    unknown = np.full(frame.shape, np.nan, np.float32)
+    unknown = untold(frame)
     if not frame.valid.any():
         return Completed(depth_m=unknown, sigma_m=unknown, said=CANNOT)
     if frame.valid.all():

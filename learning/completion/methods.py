@@ -50,5 +50,4 @@ def asked(word: str) -> Method:
     try:
         return import_module(f"learning.completion.{_LEARNT[name]}").load(weights)
     except ModuleNotFoundError as error:
-        remedy = "Install it: pip install 'starling-depth[completion]'."
-        raise errors.refuse(name, f"needs {error.name}", "none", remedy) from error
+        raise errors.needs(name, str(error.name), "completion") from error

@@ -23,7 +23,7 @@ from learning.example import Example
 from learning.geometry.filled import filled
 from learning.hole_kinds import hole_kinds
 from patterns.errors import InputError, one_of, refuse
-from sim import exr
+from sim import exr, progress
 from sim.capture import CapturedScene, CaptureSet
 from sim.capture_info import CaptureInfo
 from sim.pinhole import Pinhole
@@ -64,9 +64,25 @@ class Pair:
         """
         return checked(self.image, self.depth_m, self.valid)
 
+    def truth(self) -> Image:
+        """Reference depth (h, w) [m], where it is needed.
+
+        Raises:
+            InputError: if there is none.
+        """
+        if self.truth_m is None:
+            name, advice = f"scene {self.scene}", "Leave it out, or give reference depth."
+            raise refuse(name, "must have truth.png", "none", advice)
+        return self.truth_m
+
 
 def pairs(
-    captures: CaptureSet, picture: Picture, *, rooms: Sequence[str] | None = None
+    captures: CaptureSet,
+    picture: Picture,
+    *,
+    rooms: Sequence[str] | None = None,
+    tell: progress.Progress = progress.silent,
+    label: str = "",
 ) -> Iterator[Pair]:
     """Read the frames of a capture set one after the other.
 
@@ -74,15 +90,17 @@ def pairs(
         captures: the set.
         picture: which image goes with the depth.
         rooms: those that are read; None reads all.
+        tell: wraps the loop over frames.
+        label: what is done with them.
 
     Raises:
         InputError: if a room is unknown, or as `pair`.
     """
     captured.check_rooms(captures, rooms or ())
-    for scene in captures.scenes:
-        if rooms is None or scene.room in rooms:
-            for number in scene.frames:
-                yield pair(scene, number, picture)
+    wanted = [scene for scene in captures.scenes if rooms is None or scene.room in rooms]
+    frames = [(scene, number) for scene in wanted for number in scene.frames]
+    for scene, number in tell(frames, label):
+        yield pair(scene, number, picture)
 
 
 def pair(scene: CapturedScene, number: int, picture: Picture) -> Pair:

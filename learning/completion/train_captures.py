@@ -17,7 +17,7 @@ from learning.completion.small import small
 from learning.completion.small.crops import Sample
 from learning.completion.small.random_holes import with_random_holes
 from learning.completion.small.settings import Settings
-from patterns.errors import refuse
+from patterns.errors import needs
 from sim import capture, progress
 from sim.capture import CaptureSet
 from sim.output import refuse_own_input
@@ -93,11 +93,8 @@ def _samples(
     tell: progress.Progress,
 ) -> list[Sample]:
     found: list[Sample] = []
-    for one in tell(list(pairs(opened, picture, rooms=rooms)), "read"):
-        if one.truth_m is None:
-            name, advice = f"scene {one.scene}", "Leave it out, or give reference depth."
-            raise refuse(name, "must have truth.png", "none", advice)
-        sample = Sample(image=one.image, depth_m=one.depth_m, truth_m=one.truth_m)
+    for one in pairs(opened, picture, rooms=rooms, tell=tell, label="read"):
+        sample = Sample(image=one.image, depth_m=one.depth_m, truth_m=one.truth())
         if holes == "random":
             sample = with_random_holes(sample, seed, len(found))
         found.append(sample)
@@ -119,8 +116,7 @@ def _fit_diffusion(
         from learning.completion.diffusion import training, weights
         from learning.completion.diffusion.samples import Sample as Told
     except ModuleNotFoundError as error:
-        remedy = "Install it: pip install 'starling-depth[completion]'."
-        raise refuse("diffusion", f"needs {error.name}", "none", remedy) from error
+        raise needs("diffusion", str(error.name), "completion") from error
     settings = training.Settings() if steps is None else training.Settings(steps=steps)
     told = [
         Told(checked(one.image, one.depth_m, np.isfinite(one.depth_m)), one.truth_m)

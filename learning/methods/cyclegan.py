@@ -15,7 +15,7 @@ from typing import ClassVar
 from torch import Tensor, nn
 
 from learning.example import Example
-from learning.training.learner import Draw, Learner, initialised, sparing
+from learning.training.learner import Draw, Learner, descend, initialised, sparing
 from learning.training.samples import Batch
 from learning.training.settings import Settings
 from learning.training.translation import (
@@ -25,7 +25,6 @@ from learning.training.translation import (
     TranslationPredictor,
     Translator,
     adversary,
-    descend,
     fit_translation,
     judged,
     linear_decay,

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 import torch
 from torch import Tensor, nn, optim
 from torch.nn import functional
 
 from learning.training.samples import Batch
-from learning.training.settings import Settings
+from learning.training.settings import Schedule, Settings
 
 _Some = TypeVar("_Some")
 _Network = TypeVar("_Network", bound=nn.Module)
@@ -74,6 +74,25 @@ class Learner(ABC, Generic[_Some]):
                 group["lr"] = rate
 
 
+def decaying(network: nn.Module, decay: float) -> optim.AdamW:
+    """Optimizer that lets weights decay, but no biases."""
+    parameters = list(network.parameters())
+    groups = [
+        {"params": [p for p in parameters if p.ndim > 1]},
+        {"params": [p for p in parameters if p.ndim <= 1], "weight_decay": 0.0},
+    ]
+    return optim.AdamW(groups, weight_decay=decay)
+
+
+def descend(optimizer: optim.Optimizer, loss: Tensor, *, steepest: float = math.inf) -> None:
+    """One step down the loss; gradients longer than `steepest` are cut to it."""
+    optimizer.zero_grad()
+    loss.backward()
+    moved = [one for group in optimizer.param_groups for one in group["params"]]
+    nn.utils.clip_grad_norm_(moved, steepest)
+    optimizer.step()
+
+
 class HoleLearner(Learner[Batch]):
     """Learns logits of no depth, `networks["holes"]`, by log loss.
 
@@ -84,23 +103,14 @@ class HoleLearner(Learner[Batch]):
 
     def __init__(self, network: nn.Module, settings: Settings) -> None:
         self.settings = settings
-        parameters = list(network.parameters())
-        groups = [
-            {"params": [p for p in parameters if p.ndim > 1]},
-            {"params": [p for p in parameters if p.ndim <= 1], "weight_decay": 0.0},
-        ]
-        decay = settings.weight_decay
-        super().__init__({"holes": network}, [optim.AdamW(groups, weight_decay=decay)])
+        super().__init__({"holes": network}, [decaying(network, settings.weight_decay)])
 
     def update(self, draw: Draw[Batch], step: int) -> dict[str, float]:
         self.set_rate(one_cycle(step, self.settings))
         batch = draw("crops")
         with sparing(batch.seen.device):
             loss = log_loss(self.networks, batch)
-        self.optimizers[0].zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(self.networks.parameters(), STEEPEST)
-        self.optimizers[0].step()
+        descend(self.optimizers[0], loss, steepest=STEEPEST)
         return {"log_loss": loss.item()}
 
 
@@ -116,21 +126,7 @@ def mean(values: Tensor, counted: Tensor) -> Tensor:
     return (values * counted).sum() / counted.sum().clamp(min=1)
 
 
-class Rated(Protocol):
-    """How long a training is, and how fast at most."""
-
-    @property
-    def steps(self) -> int:
-        """Of the whole training."""
-        ...
-
-    @property
-    def rate(self) -> float:
-        """Highest learning rate."""
-        ...
-
-
-def one_cycle(step: int, settings: Rated) -> float:
+def one_cycle(step: int, settings: Schedule) -> float:
     """Learning rate: a straight rise, then half a cosine to 0 (Smith, arXiv 1803.09820)."""
     rise = max(1.0, _WARM_UP * settings.steps)
     if step < rise:

@@ -9,16 +9,17 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import torch
 from torch import nn
 
 from learning import checkpoint
 from learning.training.learner import Learner
+from learning.training.settings import Schedule
 from patterns.errors import refuse
 from sim import output, progress
 
@@ -26,38 +27,14 @@ CHECKPOINT = "training.pt"
 CURVE = "loss.csv"
 
 
-class Schedule(Protocol):
-    """How long a training is."""
-
-    @property
-    def steps(self) -> int:
-        """Of the whole training."""
-        ...
-
-    @property
-    def averaging(self) -> float:
-        """Share that the running average of weights keeps a step."""
-        ...
-
-    @property
-    def save_every(self) -> int:
-        """Steps between checkpoints."""
-        ...
-
-
-class Portion(Protocol):
-    """What a step learns from."""
-
-    def to(self, where: torch.device) -> Self:
-        """The same on a device."""
-        ...
-
-
-_Some = TypeVar("_Some", bound=Portion, covariant=True)
+_Some = TypeVar("_Some", covariant=True)
 
 
 class Lot(Protocol[_Some]):
-    """What the steps of a training draw from: equal arguments give equal portions."""
+    """What the steps of a training draw from: equal arguments give equal portions.
+
+    A portion is a dataclass of images (b, c, h, w).
+    """
 
     @property
     def identity(self) -> str:
@@ -128,7 +105,7 @@ def _step(run: _Run, learner: Learner[Any], lot: Lot[Any], settings: Schedule, s
     where = next(learner.networks.parameters()).device
 
     def draw(part: str) -> Any:
-        return lot.batch(step, part).to(where)
+        return _moved(lot.batch(step, part), where)
 
     losses = learner.update(draw, step)
     for name, value in losses.items():
@@ -146,6 +123,13 @@ def _check_number(name: str, value: float, step: int) -> None:
     if not math.isfinite(value):
         remedy = f"Stopped at batch {step}: look at its inputs, or lower the rate."
         raise refuse(f"loss {name}", "must be a finite number", value, remedy)
+
+
+def _moved(portion: Any, where: torch.device) -> Any:
+    """The same on a device, with the memory layout that convolutions like."""
+    images = [getattr(portion, one.name) for one in fields(portion)]
+    layout = torch.channels_last
+    return type(portion)(*(one.to(device=where, memory_format=layout) for one in images))
 
 
 def _save(run: _Run, learner: Learner[Any], *, folder: Path, kind: str, identity: str) -> None:

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from learning.example import Example, Image, Mask
 from learning.learnable import check_learnable, known_holes
+from learning.training import turns
 from learning.training.channels import check_size
 from learning.training.settings import Settings
 from patterns.errors import refuse
@@ -44,12 +45,6 @@ class Batch:
     seen: Tensor  # (b, c, h, w)
     target: Tensor  # (b, 1, h, w)
     counted: Tensor  # (b, 1, h, w), 1 where the target counts, else 0.
-
-    def to(self, where: torch.device) -> Batch:
-        """The same on a device, with the memory layout that convolutions like."""
-        layout = torch.channels_last
-        parts = (self.seen, self.target, self.counted)
-        return Batch(*(part.to(device=where, memory_format=layout) for part in parts))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -171,9 +166,8 @@ def draw(
     hide = generator(seed, step, "training", f"{part} hidden").random(count) < hidden
     crops = []
     for place, hides in enumerate(hide, start=step * count):
-        turn, position = divmod(place, len(samples))
-        order = generator(seed, turn, "training", f"{part} order").permutation(len(samples))
-        crops.append(_crop(samples[order[position]], crop_px, hides, rng))
+        number = turns.chosen(place, len(samples), seed, "training", f"{part} order")
+        crops.append(_crop(samples[number], crop_px, hides, rng))
     return _batch(crops)
 
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 from torch import Tensor, nn, optim
 from torch.nn import functional
 
@@ -196,12 +194,3 @@ def _samples(examples: Sequence[Example], sight: Sight, tell: progress.Progress)
 def linear_decay(step: int, settings: Settings) -> float:
     """Learning rate: even for the first half, then straight to 0 (as Zhu et al., ICCV 2017)."""
     return settings.rate * min(1.0, 2 * (1 - step / settings.steps))
-
-
-def descend(optimizer: torch.optim.Optimizer, loss: Tensor, *, steepest: float = math.inf) -> None:
-    """One step down the loss; gradients longer than `steepest` are cut to it."""
-    optimizer.zero_grad()
-    loss.backward()
-    moved = [one for group in optimizer.param_groups for one in group["params"]]
-    nn.utils.clip_grad_norm_(moved, steepest)
-    optimizer.step()

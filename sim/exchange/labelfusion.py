@@ -29,8 +29,7 @@ from numpy.typing import NDArray
 
 from patterns.errors import refuse
 from sim import png
-from sim.depth import from_code
-from sim.exchange import quaternion
+from sim.exchange import quaternion, stream_file
 from sim.exchange.stream import Moment, Stream, nearest
 from sim.frames import Pose
 from sim.pinhole import Pinhole
@@ -66,7 +65,7 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
             Moment(
                 time_s=time_s,
                 world_from_camera=nearest(poses, time_s),
-                depth=partial(_depth, images / f"{number}_depth.png"),
+                depth=partial(stream_file.depth, images / f"{number}_depth.png", UNIT_M),
                 image=partial(_picture, picture) if picture.is_file() else None,
             )
         )
@@ -80,7 +79,7 @@ def _names(images: Path) -> list[str]:
 
 
 def _time_s(path: Path) -> float:
-    text = _text(path)
+    text = stream_file.text(path)
     if not text.strip().isdecimal():
         raise refuse(path.name, "must hold microseconds", repr(text[:40]), "Is the log whole?")
     return int(text) / 1e6
@@ -90,7 +89,7 @@ def _poses(path: Path) -> list[tuple[float, Pose]]:
     found = next((path / name for name in _TRAJECTORIES if (path / name).is_file()), None)
     if found is None:
         raise refuse("log", f"must hold {_TRAJECTORIES[-1]}", path, "Run ElasticFusion on it.")
-    rows = [_row(line, found) for line in _text(found).splitlines() if line.strip()]
+    rows = [_row(line, found) for line in stream_file.text(found).splitlines() if line.strip()]
     return sorted(((row[0], quaternion.pose(row[1:4], row[4:])) for row in rows), key=_time_of)
 
 
@@ -118,20 +117,6 @@ def _camera(path: Path, depth: Path) -> Pinhole:
         raise refuse(_CAMERA, "must tell fx fy cx cy", error, advice) from error
     height, width = png.read(depth, "depth").shape
     return Pinhole(width=width, height=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise refuse(path.name, "must be readable", path, f"{error}.") from error
-
-
-def _depth(path: Path) -> NDArray[np.float32]:
-    code = png.read(path, "depth")
-    if code.dtype != np.uint16:
-        raise refuse("depth", "must be of 16 bits", f"{path}, 8-bit", "Extract it again.")
-    return from_code(code.astype(np.uint16), UNIT_M)
 
 
 def _picture(path: Path) -> NDArray[np.uint8]:

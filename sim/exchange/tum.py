@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from patterns.errors import refuse
 from sim import png
 from sim.capture import CapturedScene
-from sim.depth import from_code, to_code
-from sim.exchange import quaternion, sequence
+from sim.depth import to_code
+from sim.exchange import quaternion, sequence, stream_file
 from sim.exchange.stream import Moment, Stream, nearest
 from sim.frames import Pose
 from sim.output import Folder
@@ -90,7 +90,7 @@ def read(path: Path, camera: Pinhole | None = None) -> Stream:
             Moment(
                 time_s=time,
                 world_from_camera=nearest(poses, time),
-                depth=partial(_depth, path / file),
+                depth=partial(stream_file.depth, path / file, UNIT_M),
                 image=None if picture is None else partial(_picture, path / picture),
             )
         )
@@ -112,10 +112,7 @@ def _poses(path: Path) -> list[tuple[float, Pose]]:
 
 def _lines(path: Path, columns: int) -> list[list[str]]:
     """Lines of a list, all but its last column, of a file's name, numbers."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise refuse(path.name, "must be readable", path, f"{error}.") from error
+    lines = stream_file.text(path).splitlines()
     found = [line.split() for line in lines if line.strip() and not line.startswith("#")]
     for words in found:
         numbers = words[:1] if columns == 2 else words
@@ -140,10 +137,6 @@ def _camera(path: Path) -> Pinhole:
         rule, advice = "must tell fx fy cx cy width height", "TUM's own sets do not: give it."
         raise refuse(_CAMERA, rule, error, advice) from error
     return Pinhole(width=int(width), height=int(height), fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
-
-
-def _depth(path: Path) -> NDArray[np.float32]:
-    return from_code(png.read(path, "depth").astype(np.uint16), UNIT_M)
 
 
 def _picture(path: Path) -> NDArray[Any]:

@@ -69,8 +69,7 @@ def _marching_cubes() -> Any:
     try:
         from skimage.measure import marching_cubes
     except ImportError as error:
-        remedy = "Install it: pip install 'starling-depth[data]'."
-        raise errors.refuse("surface", "needs scikit-image", "none", remedy) from error
+        raise errors.needs("surface", "scikit-image", "data") from error
     return marching_cubes
 
 

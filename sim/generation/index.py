@@ -93,6 +93,5 @@ def _pyarrow() -> Any:
         import pyarrow
         from pyarrow import parquet
     except ImportError as error:
-        remedy = "Install it: pip install 'starling-depth[data]'."
-        raise errors.refuse("index", "needs pyarrow", "none", remedy) from error
+        raise errors.needs("index", "pyarrow", "data") from error
     return pyarrow, parquet

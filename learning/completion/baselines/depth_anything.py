@@ -15,7 +15,7 @@ from learning.completion.alignment import aligned_inverse
 from learning.completion.diffusion import reading
 from learning.completion.diffusion.published import folder
 from learning.completion.frame import Frame
-from learning.completion.method import Completed
+from learning.completion.method import Completed, untold
 from learning.training.learner import device
 from patterns.errors import in_interval, positive, refuse
 
@@ -63,7 +63,7 @@ class DepthAnything:
             told = self.network(pixel_values=pixels.to(self.network.device)).predicted_depth[0]
         inverse = cv2.resize(told.cpu().numpy(), (width, height), interpolation=cv2.INTER_LINEAR)
         depth = aligned_inverse(inverse, frame.depth_m, frame.valid, farthest_m=self.farthest_m)
-        return Completed(depth_m=depth, sigma_m=np.full(frame.shape, np.nan, np.float32))
+        return Completed(depth_m=depth, sigma_m=untold(frame))
 
 
 def load(source: Path | str) -> DepthAnything:

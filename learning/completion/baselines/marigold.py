@@ -13,7 +13,7 @@ from diffusers.pipelines.marigold.pipeline_marigold_depth import MarigoldDepthPi
 from learning.completion.alignment import aligned, least_squares
 from learning.completion.diffusion import weights
 from learning.completion.frame import Frame
-from learning.completion.method import Completed
+from learning.completion.method import Completed, untold
 from learning.training.learner import device
 from patterns.errors import in_interval, refuse
 
@@ -60,7 +60,7 @@ class Marigold:
         )
         told = np.asarray(output.prediction)[0, :, :, 0]
         if output.uncertainty is None:
-            sigma = np.full(frame.shape, np.nan, np.float32)
+            sigma = untold(frame)
         else:
             scale = least_squares(told, frame.depth_m, frame.valid).scale
             sigma = abs(scale) * np.asarray(output.uncertainty)[0, :, :, 0]

@@ -24,7 +24,7 @@ from learning.completion.diffusion import latents
 from learning.completion.diffusion.seen import padded
 from learning.completion.diffusion.text import empty_prompt
 from learning.completion.frame import Frame
-from learning.completion.method import Completed
+from learning.completion.method import Completed, untold
 from learning.training.learner import device
 from patterns.errors import in_interval
 from sim.randomness import generator
@@ -98,7 +98,7 @@ class MarigoldDC:
                 latent.copy_(scheduler.step(told, step, latent).prev_sample)
         with torch.no_grad():
             depth = metres(latent).cpu().numpy()
-        return Completed(depth_m=depth, sigma_m=np.full(frame.shape, np.nan, np.float32))
+        return Completed(depth_m=depth, sigma_m=untold(frame))
 
     def _image(self, frame: Frame) -> tuple[Tensor, tuple[int, int]]:
         """The image at the size that it is seen in (1, 3, h, w), and that size before padding."""

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from learning.completion.frame import Frame, Image, Mask
-from learning.completion.method import Completed
+from learning.completion.method import Completed, untold
 
 _LEVEL = 0.45  # Mean that the image is exposed to: what a colour camera's exposure aims at.
 _ISLAND_PX = 400  # Patches of depth up to this large are not spread.
@@ -21,7 +21,7 @@ def completed(frame: Frame, filled_m: NDArray[np.floating]) -> Completed:
     None of these methods knows its error: sigma is NaN.
     """
     depth = np.where(frame.valid, frame.depth_m, filled_m).astype(np.float32)
-    return Completed(depth_m=depth, sigma_m=np.full(frame.shape, np.nan, np.float32))
+    return Completed(depth_m=depth, sigma_m=untold(frame))
 
 
 def trusted(frame: Frame) -> Mask:

@@ -13,8 +13,8 @@ from torch import Tensor
 from learning.completion.diffusion.seen import Seen, look, padded
 from learning.completion.diffusion.span import Span
 from learning.completion.frame import Frame, Image
+from learning.training import turns
 from patterns.errors import refuse
-from sim.randomness import generator
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,11 +66,10 @@ def draw(
         some = tuple(numbers[first : first + at_once])
         drawn = []
         for number in some:
-            turn, position = divmod(number, len(samples))
-            order = generator(seed, turn, "completion", "order").permutation(len(samples))
-            sample = samples[order[position]]
+            chosen = turns.chosen(number, len(samples), seed, "completion", "order")
+            sample = samples[chosen]
             shape = drawn[0].frame.shape if drawn else sample.frame.shape
-            _check(sample, shape, int(order[position]))
+            _check(sample, shape, chosen)
             drawn.append(sample)
         yield _batch(drawn, some, multiple, where)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from torch import Tensor
 from learning.completion.frame import Image, Mask, checked
 from learning.completion.small.seen import Seen, seen
 from learning.completion.small.settings import Settings
+from learning.training import turns
 from patterns.errors import refuse
 from sim.randomness import generator
 
@@ -45,12 +47,6 @@ class Batch:
     truth: Tensor  # (b, 1, h, w), 0 where unknown.
     known: Tensor  # (b, 1, h, w), 1 where the truth is known.
 
-    def to(self, where: torch.device) -> Batch:
-        """The same on a device, with the memory layout that convolutions like."""
-        layout = torch.channels_last
-        parts = (self.channels, self.proposed, self.given, self.valid, self.truth, self.known)
-        return Batch(*(part.to(device=where, memory_format=layout) for part in parts))
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Crops:
@@ -79,10 +75,9 @@ class Crops:
         count = self.settings.batch
         crops = []
         for place in range(step * count, (step + 1) * count):
-            turn, position = divmod(place, len(self.samples))
-            order = generator(self.seed, turn, "completion", f"{part} order")
-            chosen = order.permutation(len(self.samples))[position]
-            crops.append(self._crop(self.samples[chosen], rng))
+            named = ("completion", f"{part} order")
+            number = turns.chosen(place, len(self.samples), self.seed, *named)
+            crops.append(self._crop(self.samples[number], rng))
         return _batch(crops)
 
     def _crop(self, sample: Sample, rng: np.random.Generator) -> tuple[Seen, Image]:
@@ -105,7 +100,7 @@ class Crops:
         valid: Mask = np.isfinite(depth_m)
         frame = checked(image, depth_m, valid)
         rgb = frame.rgb ** np.float32(rng.uniform(*_GAMMA))
-        found = seen(checked(rgb, depth_m, valid))
+        found = seen(dataclasses.replace(frame, rgb=rgb))
         return found, np.log(truth_m[::step, ::step] / np.float32(found.median_m))
 
 

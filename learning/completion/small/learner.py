@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import torch
-from torch import Tensor, nn, optim
+from torch import Tensor
 from torch.nn import functional
 
 from learning.completion.small.crops import Batch
 from learning.completion.small.network import SmallNetwork, Told
 from learning.completion.small.settings import Settings
-from learning.training.learner import STEEPEST, Draw, Learner, mean, one_cycle, sparing
+from learning.training.learner import (
+    STEEPEST,
+    Draw,
+    Learner,
+    decaying,
+    descend,
+    mean,
+    one_cycle,
+    sparing,
+)
 
 _FALSE = 0.1  # The camera's depth is wrong where it is off by more, in the logarithm.
 _OWN, _BELOW, _JUDGED, _METRES = 0.2, 0.2, 0.2, 0.5  # Weights beside 1 of the holes' likelihood.
@@ -20,13 +29,7 @@ class SmallLearner(Learner[Batch]):
 
     def __init__(self, network: SmallNetwork, settings: Settings) -> None:
         self.settings = settings
-        parameters = list(network.parameters())
-        groups = [
-            {"params": [p for p in parameters if p.ndim > 1]},
-            {"params": [p for p in parameters if p.ndim <= 1], "weight_decay": 0.0},
-        ]
-        decay = settings.weight_decay
-        super().__init__({"small": network}, [optim.AdamW(groups, weight_decay=decay)])
+        super().__init__({"small": network}, [decaying(network, settings.weight_decay)])
 
     def update(self, draw: Draw[Batch], step: int) -> dict[str, float]:
         """Take a step and name the losses before it."""
@@ -36,10 +39,7 @@ class SmallLearner(Learner[Batch]):
             told = self.networks["small"](batch.channels, batch.proposed)
         losses = losses_of(told, batch)
         total = sum(losses.values(), torch.zeros(()))
-        self.optimizers[0].zero_grad()
-        total.backward()
-        nn.utils.clip_grad_norm_(self.networks.parameters(), STEEPEST)
-        self.optimizers[0].step()
+        descend(self.optimizers[0], total, steepest=STEEPEST)
         return {"loss": total.item(), **{name: one.item() for name, one in losses.items()}}
 
 
