@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from learning.completion.frame import Image, Mask, checked
+from learning.completion.small.false_islands import with_false_islands
 from learning.completion.small.seen import Seen, seen
 from learning.completion.small.settings import Settings
 from learning.training import turns
@@ -95,7 +96,8 @@ class Crops:
                 break
         else:
             window = slice(None), slice(None)  # Holes almost everywhere: the frame whole.
-        depth_m, truth_m = sample.depth_m[window][::step, ::step], sample.truth_m[window]
+        truth_m = sample.truth_m[window]
+        depth_m = with_false_islands(sample.depth_m[window], truth_m, rng)[::step, ::step]
         image = _smaller(sample.image[window], step)
         valid: Mask = np.isfinite(depth_m)
         frame = checked(image, depth_m, valid)

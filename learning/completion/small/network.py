@@ -14,6 +14,7 @@ from learning.unet import UNet
 
 WIDTHS = (24, 32, 48, 64, 64)
 _SCALE = (-7.0, 1.5)  # Of ln(b): errors from 0.1 % to a factor of 4.
+_REACH = 0.7  # Largest correction of a logarithm: in frames unlike all that was learnt from, too.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +45,8 @@ class SmallNetwork(nn.Module):
         correction, scale, false = out[:, len(NAMES) :].split(1, dim=1)
         low, high = _SCALE
         return Told(
-            log_depth=(weights * proposed).sum(dim=1, keepdim=True) + correction,
+            log_depth=(weights * proposed).sum(dim=1, keepdim=True)
+            + _REACH * torch.tanh(correction / _REACH),
             log_scale=(scale - 3).clamp(low, high),
             false=false - 4,
         )

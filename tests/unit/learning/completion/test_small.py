@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from learning.completion.frame import Frame, checked
 from learning.completion.method import complete
 from learning.completion.small import small
 from learning.completion.small.crops import Crops, Sample
+from learning.completion.small.false_islands import with_false_islands
 from learning.completion.small.network import SmallNetwork, Told, kept
 from learning.completion.small.proposals import NAMES, proposals
 from learning.completion.small.random_holes import with_random_holes
@@ -142,9 +144,58 @@ def test_crops_of_a_step_follow_from_the_seed_and_its_number():
     torch.testing.assert_close(one.channels, again.channels, rtol=0, atol=0)
     assert not torch.equal(one.channels, other.channels)
     assert one.channels.shape == (2, len(CHANNELS), 32, 48)
-    known = one.known > 0
-    error = (one.given - one.truth).abs()[known & (one.valid > 0)]
-    assert error.max() < 0.03  # The camera's noise: truth and depth are cut alike.
+
+
+def test_truth_and_depth_are_cut_alike():
+    sample = scene()
+    closed = np.where(np.isnan(sample.depth_m), sample.truth_m, sample.depth_m)
+    whole = dataclasses.replace(sample, depth_m=closed)  # Without holes nothing false is put in.
+    one = Crops(samples=[whole], settings=SHORT, seed=5).batch(7, "crops")
+    assert (one.given - one.truth).abs().max() < 0.03  # The camera's noise.
+
+
+def test_false_islands_lie_in_holes_and_are_off():
+    rng = np.random.default_rng(0)
+    sample = scene()
+    own = np.isfinite(sample.depth_m)
+    drawn = [with_false_islands(sample.depth_m, sample.truth_m, rng) for _ in range(200)]
+    for one in drawn:
+        np.testing.assert_array_equal(one[own], sample.depth_m[own])
+    added = [np.isfinite(one) & ~own for one in drawn]
+    assert 0.4 < np.mean([one.any() for one in added]) < 0.7
+    assert max(one.sum() for one in added) <= 4 * 0.1 * own.sum()
+    off = np.concatenate(
+        [np.log(one / sample.truth_m)[new] for one, new in zip(drawn, added, strict=True)]
+    )
+    assert (np.abs(off) > 0.05).mean() > 0.97  # A slope may bring a part of one back.
+    assert 0.6 < (off > 0).mean() < 0.9
+    assert not np.array_equal(added[0], added[1])
+
+
+def test_no_false_islands_where_there_is_no_hole_or_no_truth():
+    rng = np.random.default_rng(0)
+    sample = scene()
+    unknown = np.full_like(sample.truth_m, np.nan)
+    for _ in range(10):
+        for depth, truth in (
+            (sample.truth_m, sample.truth_m),
+            (sample.depth_m, unknown),
+        ):
+            np.testing.assert_array_equal(with_false_islands(depth, truth, rng), depth)
+
+
+def test_what_is_said_lies_within_a_factor_of_two_of_what_is_proposed():
+    """However wild the network's output is, as it may be in frames unlike all it learnt from."""
+    network = SmallNetwork()
+    torch.nn.init.normal_(network.body.head.weight, std=50)
+    rng = torch.Generator().manual_seed(0)
+    channels = torch.randn(1, len(CHANNELS), 32, 48, generator=rng)
+    proposed = torch.randn(1, len(NAMES), 32, 48, generator=rng)
+    with torch.inference_mode():
+        told = network(channels, proposed).log_depth
+    low, high = proposed.amin(dim=1, keepdim=True), proposed.amax(dim=1, keepdim=True)
+    assert (told <= high + 0.7).all() and (told >= low - 0.7).all()
+    assert ((told > high) | (told < low)).any()
 
 
 def test_large_frames_are_seen_at_half_their_size_too():
