@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+from learning import shipped
 from learning.completion.method import Method
 from patterns import errors
 
@@ -31,7 +32,8 @@ def asked(word: str) -> Method:
     """Make a method ready.
 
     Args:
-        word: NAME of `NAMES`; those of `LEARNT` as NAME=WEIGHTS, a folder or the id on a hub.
+        word: NAME of `NAMES`; those of `LEARNT` as NAME=WEIGHTS, a folder or the id on a hub;
+            small alone is the network that comes with the program.
 
     Raises:
         InputError: if there is no such method, weights are missing, damaged or not asked for, or
@@ -45,6 +47,8 @@ def asked(word: str) -> Method:
         module, kind = _CLASSICAL[name]
         made: Any = getattr(import_module(f"learning.completion.classical.{module}"), kind)
         return made()
+    if name == "small" and not equals:
+        weights = str(shipped.COMPLETION)
     if not weights:
         raise errors.refuse(name, "must come with weights", word, f"As {name}=FOLDER.")
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 NAMES = ("hybrid-varied", "network-varied")
+COMPLETION = Path(__file__).parent / "completion"  # Weights of the compact network that completes.
 
 
 def folder(model: Path) -> Path:

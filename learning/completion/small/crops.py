@@ -88,8 +88,7 @@ class Crops:
         step = 2 if rng.random() < _HALVED and height >= 2 * rows and width >= 2 * columns else 1
         rows, columns = min(step * rows, height), min(step * columns, width)
         for _ in range(_TRIES):
-            top = int(rng.integers(height - rows + 1))
-            left = int(rng.integers(width - columns + 1))
+            top, left = _begun(rng, height, rows), _begun(rng, width, columns)
             window = slice(top, top + rows), slice(left, left + columns)
             valid = np.isfinite(sample.depth_m[window])
             if valid.mean() > _LEAST:
@@ -104,6 +103,17 @@ class Crops:
         rgb = frame.rgb ** np.float32(rng.uniform(*_GAMMA))
         found = seen(dataclasses.replace(frame, rgb=rgb))
         return found, np.log(truth_m[::step, ::step] / np.float32(found.median_m))
+
+
+def _begun(rng: np.random.Generator, whole: int, part: int) -> int:
+    """Where a crop begins along one side.
+
+    Every pixel is in equally many crops, but that those which would reach beyond the image are
+    moved back into it: a stereo camera's largest hole is a band along the image's left border,
+    which crops that begin anywhere alike would hardly ever see.
+    """
+    begin = int(rng.integers(-part + 1, whole))
+    return min(max(begin, 0), whole - part)
 
 
 def _smaller(image: NDArray[Any], step: int) -> NDArray[Any]:

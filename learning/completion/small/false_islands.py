@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from learning.completion.frame import Image
+from learning.completion.frame import Image, Mask
 
-_SHARE = 0.6  # Of crops that get any.
+_SHARE = 0.7  # Of crops that get any.
 _MOST = 4  # A crop.
-_AREA_PX = (15.0, 2500.0)  # Of an ellipse, before it is cut by the hole.
+_WIDE_PX = 8  # Narrowest stretch of a hole that gets one.
+_AREA_PX = (40.0, 2500.0)  # Of an ellipse, before it is cut by the hole.
 _ELONGATION = 3.0  # Largest ratio of its axes.
 _FARTHER = 0.75  # Share of islands that are too far, not too near.
 _OFF = (0.1, 3.3)  # Of a far one's logarithm; a near one's goes to _NEARER.
@@ -36,12 +38,13 @@ def with_false_islands(depth_m: Image, truth_m: Image, rng: np.random.Generator)
     """
     hole = np.isnan(depth_m)
     own = hole.size - np.count_nonzero(hole)
-    known = np.flatnonzero(hole & np.isfinite(truth_m))
-    if rng.random() >= _SHARE or not len(known):
+    runs = _runs(hole & np.isfinite(truth_m))
+    if rng.random() >= _SHARE or not len(runs):
         return depth_m
     out = depth_m.copy()
     for _ in range(int(rng.integers(1, _MOST + 1))):
-        row, column = np.divmod(rng.choice(known), depth_m.shape[1])
+        row, begin, end = runs[rng.integers(len(runs))]
+        column = rng.integers(begin, end)
         area, ratio = _log_uniform(rng, *_AREA_PX), rng.uniform(1, _ELONGATION)
         axes = np.sqrt(area / np.pi * np.array([ratio, 1 / ratio]))
         island = np.zeros(depth_m.shape, np.uint8)
@@ -57,6 +60,16 @@ def with_false_islands(depth_m: Image, truth_m: Image, rng: np.random.Generator)
         log = off + across / axes.max() + rng.normal(0, _NOISE, len(rows))
         out[rows, columns] = truth_m[row, column] * np.exp(log)
     return out
+
+
+def _runs(mask: Mask) -> NDArray[np.intp]:
+    """Wide stretches (row, first column, column after the last) of each row that are True.
+
+    An island's place is drawn among them: narrow bands get as many as wide holes.
+    """
+    steps = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    (rows, first), (_, after) = np.nonzero(steps > 0), np.nonzero(steps < 0)
+    return np.column_stack([rows, first, after])[after - first >= _WIDE_PX]
 
 
 def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
