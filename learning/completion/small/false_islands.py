@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from learning.completion.frame import Image, Mask
 
-_SHARE = 0.7  # Of crops that get any.
-_MOST = 4  # A crop.
+_SHARE = 0.8  # Of crops that get any.
+_MOST = 6  # A crop.
 _WIDE_PX = 8  # Narrowest stretch of a hole that gets one.
 _AREA_PX = (40.0, 2500.0)  # Of an ellipse, before it is cut by the hole.
 _ELONGATION = 3.0  # Largest ratio of its axes.

@@ -21,7 +21,7 @@ from learning.training.learner import (
 )
 
 _FALSE = 0.1  # The camera's depth is wrong where it is off by more, in the logarithm.
-_OWN, _BELOW, _JUDGED, _METRES = 0.2, 0.2, 0.2, 0.5  # Weights beside 1 of the holes' likelihood.
+_OWN, _BELOW, _JUDGED, _METRES = 0.2, 0.2, 1.0, 0.5  # Weights beside 1 of the holes' likelihood.
 
 
 class SmallLearner(Learner[Batch]):

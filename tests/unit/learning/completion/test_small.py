@@ -162,8 +162,8 @@ def test_false_islands_lie_in_holes_and_are_off():
     for one in drawn:
         np.testing.assert_array_equal(one[own], sample.depth_m[own])
     added = [np.isfinite(one) & ~own for one in drawn]
-    assert 0.5 < np.mean([one.any() for one in added]) < 0.8
-    assert max(one.sum() for one in added) <= 4 * 0.1 * own.sum()
+    assert 0.5 < np.mean([one.any() for one in added]) < 0.9
+    assert max(one.sum() for one in added) <= 6 * 0.1 * own.sum()
     off = np.concatenate(
         [np.log(one / sample.truth_m)[new] for one, new in zip(drawn, added, strict=True)]
     )
@@ -205,8 +205,9 @@ def test_large_frames_are_seen_at_half_their_size_too():
         truth_m=np.kron(scene().truth_m, np.ones((2, 2), np.float32)),
     )
     settings = Settings(batch=8, crop_px=(48, 64))
-    batch = Crops(samples=[big], settings=settings, seed=0).batch(0, "crops")
-    posts = [int((one < -0.5).any(dim=1).sum()) for one in batch.truth]
+    lot = Crops(samples=[big], settings=settings, seed=0)
+    truths = [truth for step in range(3) for truth in lot.batch(step, "crops").truth]
+    posts = [int((one < -0.5).any(dim=1).sum()) for one in truths]
     assert max(posts) >= 1.8 * min(post for post in posts if post)
 
 
