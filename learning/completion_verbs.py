@@ -27,10 +27,11 @@ def complete(
 ) -> None:
     """Give captures depth where their camera has none.
 
-    Methods that learn nothing: nearest, morphological, bilateral, wls, poisson. Learnt ones, with a
-    folder of weights: small, diffusion, marigold, marigold-dc, depth-anything.
+    Methods that learn nothing: nearest, morphological, bilateral, wls, poisson. Learnt ones: small,
+    whose weights come with the program, or with a folder of weights small, diffusion, marigold,
+    marigold-dc, depth-anything.
 
-    Example: starling complete captures/mine --method small=models/completion --out out/complete
+    Example: starling complete captures/mine --method small --out out/complete
 
     Args:
         captures: capture set, or one scene in it.

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 
 from learning import shipped
+from learning.completion import methods
+from learning.completion.method import complete
+from learning.completion.small import small
+from learning.completion.small.small import Small
 from learning.train_captures import trained
+from sim import asked_sensor, scenes, simulate
 from sim.output import RECORD
 
 FOLDER = Path(shipped.__file__).parent
@@ -26,6 +33,34 @@ def test_its_record_names_no_place_and_its_card_names_it(name):
     assert {path.name for path in folder.iterdir()} == {RECORD, f"{name.split('-')[0]}.pt"}
     assert "/" not in (folder / RECORD).read_text()
     assert f"`{name}`" in (FOLDER / "README.md").read_text()
+
+
+def test_the_network_that_completes_is_read_by_its_name_alone():
+    network = methods.asked("small")
+    assert isinstance(network, Small)
+    learnt = small.load(shipped.COMPLETION).network.state_dict()
+    for name, value in network.network.state_dict().items():
+        torch.testing.assert_close(value, learnt[name], rtol=0, atol=0)
+    assert {path.name for path in shipped.COMPLETION.iterdir()} == {RECORD, small.WEIGHTS}
+    assert "/" not in (shipped.COMPLETION / RECORD).read_text()
+    assert f"`{shipped.COMPLETION.name}`" in (FOLDER / "README.md").read_text()
+
+
+def test_it_completes_a_simulated_room_better_than_any_plain_fill():
+    """A room that is not among those it has learnt from."""
+    size = ("width=640", "height=360", "fx_px=448", "fy_px=448", "cx_px=319.5", "cy_px=179.5")
+    sensor = asked_sensor.load("d415", edits=size)
+    shot = simulate.simulate(scenes.load("room:2000001", sensor), sensor, seed=0)
+    depth, truth_m = shot.depth, shot.layers.truth.depth_m
+    holes = ~depth.valid & np.isfinite(truth_m)
+    errors = {
+        name: np.abs(
+            complete(methods.asked(name), shot.ir_left, depth.depth_m, depth.valid).depth_m
+            - truth_m
+        )[holes].mean()
+        for name in ("small", *methods.CLASSICAL)
+    }
+    assert min(errors, key=lambda name: errors[name]) == "small"
 
 
 def test_other_paths_stand_for_themselves(tmp_path):

@@ -116,7 +116,7 @@ def test_random_holes_are_learnt_as_a_control(captures: Path, tmp_path: Path, ca
     [
         ("bilatera", "method must be a known name; got 'bilatera'. Known: bilateral"),
         ("wls=models/a", "wls must come without weights; got wls=models/a"),
-        ("small", "small must come with weights; got small. As small=FOLDER."),
+        ("diffusion", "diffusion must come with weights; got diffusion. As diffusion=FOLDER."),
         ("small=", "small must come with weights"),
         ("small=nowhere", "checkpoint must exist; got nowhere/weights.pt"),
     ],
