@@ -2,9 +2,9 @@
 
 A real stereo camera now and then takes a stretch of a hole for something else, evenly and with
 confidence, most often in the band that its other imager does not see: the true match is not in the
-image there, and what is left to choose from lies farther away. In five rooms of d415-faro such islands
-have 10 to 1,000 pixels and stand 3 to 25 times too far off. What learns to complete depth has to
-have seen that an island may be wrong.
+image there, and what is left to choose from lies farther away. In five rooms of d415-faro such
+islands have 10 to 1,000 pixels and stand 3 to 25 times too far off. What learns to complete depth
+has to have seen that an island may be wrong.
 """
 
 from __future__ import annotations
