@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from learning.completion.frame import Image, Mask
+from sim.generation.draw import Range
 
 _SHARE = 0.8  # Of crops that get any.
 _MOST = 6  # A crop.
 _WIDE_PX = 8  # Narrowest stretch of a hole that gets one.
-_AREA_PX = (40.0, 2500.0)  # Of an ellipse, before it is cut by the hole.
+_AREA_PX = Range(low=40.0, high=2500.0, log=True)  # Of an ellipse, before it is cut by the hole.
 _ELONGATION = 3.0  # Largest ratio of its axes.
 _FARTHER = 0.75  # Share of islands that are too far, not too near.
 _OFF = (0.1, 3.3)  # Of a far one's logarithm; a near one's goes to _NEARER.
@@ -45,7 +46,7 @@ def with_false_islands(depth_m: Image, truth_m: Image, rng: np.random.Generator)
     for _ in range(int(rng.integers(1, _MOST + 1))):
         row, begin, end = runs[rng.integers(len(runs))]
         column = rng.integers(begin, end)
-        area, ratio = _log_uniform(rng, *_AREA_PX), rng.uniform(1, _ELONGATION)
+        area, ratio = _AREA_PX.drawn(rng), rng.uniform(1, _ELONGATION)
         axes = np.sqrt(area / np.pi * np.array([ratio, 1 / ratio]))
         island = np.zeros(depth_m.shape, np.uint8)
         size = (float(2 * axes[0]), float(2 * axes[1]))
@@ -70,7 +71,3 @@ def _runs(mask: Mask) -> NDArray[np.intp]:
     steps = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     (rows, first), (_, after) = np.nonzero(steps > 0), np.nonzero(steps < 0)
     return np.column_stack([rows, first, after])[after - first >= _WIDE_PX]
-
-
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
