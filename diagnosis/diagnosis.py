@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from diagnosis.complete import complete
 from diagnosis.crew import Crew
 from diagnosis.howfar.judged import Judged
-from diagnosis.howfar.residual import Residual, learn
+from diagnosis.howfar.residual import METHOD, Residual, learn
 from diagnosis.limits import limits_of
 from diagnosis.named import Kind, named, open_arms, parted, screened
 from diagnosis.report.shown import Shown, shown
@@ -19,6 +20,7 @@ from diagnosis.where import where
 from diagnosis.where.where import Where
 from diagnosis.which.arm import Found
 from diagnosis.which.candidates import Arm
+from learning import registry
 from patterns.errors import InputError, refuse
 from sim import progress
 from sim.capture import CaptureSet
@@ -71,9 +73,9 @@ def diagnose(
         tell: wraps loops that take long.
 
     Raises:
-        InputError: if a scene is damaged, none has geometry or reference depth, both sets differ in
-            geometry or have nothing in common, a residual is asked for against another set, or the
-            sensor is none of stereo.
+        InputError: if a scene is damaged, none has geometry or reference depth, scenes are of
+            several cameras, both sets differ in geometry or have nothing in common, a residual is
+            asked for against another set or without torch, or the sensor is none of stereo.
     """
     if sensor.kind == "structured_light":
         rule = "must be a stereo camera's"
@@ -81,8 +83,10 @@ def diagnose(
     if residual and against is not None:
         rule = "must be asked of a simulation, not of another capture set"
         raise refuse("residual", rule, against.path.name, "Leave one out.")
+    learner = registry.method(METHOD) if residual else None
     scenes = scene_pairs(captures, against)
-    subjects = [subject(one, sensor, against=other) for one, other in tell(scenes.pairs, "scenes")]
+    read = [subject(one, sensor, against=other) for one, other in tell(scenes.pairs, "scenes")]
+    subjects, incomplete = complete(read)
     asked, locked = parted(subjects)
     told = where.where(subjects)
     other = None if against is None else against.path
@@ -102,6 +106,7 @@ def diagnose(
         subjects,
         locked=bool(locked),
         aside=scenes.aside,
+        incomplete=[one.name for one in incomplete],
         families=families,
     )
     if not found.together:
@@ -109,9 +114,11 @@ def diagnose(
             "Effects named of images and of depth exclude each other in one sensor: how far the "
             "gap closes is not judged, and no sensor has them all."
         )
-    if residual:
+    if learner is not None:
         try:
-            learnt = learn(asked, locked, found.settings if found.together else {}, tell=tell)
+            learnt = learn(
+                learner, asked, locked, found.settings if found.together else {}, tell=tell
+            )
         except InputError as error:  # What was found without it is told all the same.
             limits.append(f"No residual was learnt: {error}")
     return Diagnosis(

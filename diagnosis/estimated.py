@@ -52,7 +52,7 @@ def scene(captured: CapturedScene, sensor: Sensor) -> tuple[Scene, Estimates]:
     if truth_m is None or not np.isfinite(truth_m).any():
         rule = "must have a scene.toml or reference depth (truth.png)"
         raise refuse(f"scene {captured.name}", rule, "neither", "Leave it out, or add one.")
-    seen = captured.frame(captured.frames[0]).ir_left is not None
+    seen = captured.fullest().ir_left is not None
     if not seen:
         likely = Lit(np.full(truth_m.shape, _EVEN, np.float32), LIT_ROOM_W_M2)
     else:

@@ -20,6 +20,7 @@ def limits_of(
     *,
     locked: bool,
     aside: Sequence[str],
+    incomplete: Sequence[str],
     families: Sequence[str] | None,
 ) -> list[str]:
     """List them.
@@ -29,10 +30,12 @@ def limits_of(
         subjects: all scenes, at least one.
         locked: whether some of them have no say in what is named.
         aside: scenes that only one of two capture sets has.
+        incomplete: scenes that hold less than most.
         families: of effects that were tried; None tried all.
     """
     return [
         *_asked(device, subjects, aside, families),
+        *_incomplete(subjects[0], incomplete),
         *_rooms(subjects, locked=locked),
         *_captured(subjects),
         *_light(subjects),
@@ -54,6 +57,18 @@ def _asked(
         yield f"Only effects of these families were tried: {', '.join(sorted(families))}."
     if aside:
         yield f"Only one of the two sets has these scenes, left aside: {', '.join(aside)}."
+
+
+def _incomplete(one: Subject, incomplete: Sequence[str]) -> Iterator[str]:
+    if incomplete:
+        held = [
+            *(["infrared pairs"] if one.real.left is not None else []),
+            *(["depth of the device's own"] if one.real.device_px is not None else []),
+        ]
+        yield (
+            f"Most scenes hold {' and '.join(held)}; these do not, left aside: "
+            f"{', '.join(incomplete)}."
+        )
 
 
 def _rooms(subjects: Sequence[Subject], *, locked: bool) -> Iterator[str]:
@@ -93,7 +108,7 @@ def _captured(subjects: Sequence[Subject]) -> Iterator[str]:
     if moved:
         yield (
             f"Repeats of {', '.join(moved)} differ by more than noise and light, as if something "
-            "had moved: what they tell of noise in time is wrong."
+            "had moved: the first alone is read."
         )
 
 

@@ -91,7 +91,7 @@ def pattern_scale(captured: CapturedScene, scene: Scene, sensor: Sensor) -> floa
         scene: its surface, in any light.
         sensor: the base, whose own scale is the middle of those that are tried.
     """
-    frame = captured.frame(captured.frames[0])
+    frame = captured.fullest()
     if frame.ir_left is None or frame.ir_right is None or sensor.projector.power_w == 0:
         return None
     real = [correlation.high_passed(one) for one in (frame.ir_left, frame.ir_right)]

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis import moved
 from patterns.errors import refuse
 from sim import measurement
 from sim.capture import CapturedScene, Frame, GreyImage
@@ -20,10 +20,6 @@ from sim.sensor import Sensor
 
 if TYPE_CHECKING:  # Loads a compiler.
     from sim.matching.memory import Memory
-
-# Repeats are still if of their differences, smoothed by so much, no more than a share of the pixels
-# is beyond so many codes and so many deviations of noise.
-_CALM_PX, _CALM_DN, _CALM, _CALM_SHARE = 5, 1.0, 6.0, 0.01
 
 Images = NDArray[np.unsignedinteger]
 Maps = NDArray[np.float32]
@@ -37,7 +33,7 @@ class Reading:
     right: Images | None
     ours_px: Maps | None  # Disparity by our matcher, of the first repeat; NaN where there is none.
     device_px: Maps | None  # Disparity by the device's own depth; NaN likewise.
-    moved: bool = False  # Whether repeats differ by more than noise and how much light there is.
+    moved: bool = False  # Whether there were more repeats, which something moved between.
     exposure: Exposure | None = None  # That the camera recorded for the first repeat.
     unlit: bool = False  # Whether these are pairs captured beside others with the projector off.
 
@@ -58,7 +54,8 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
     """Read the repeats of a captured scene, and match its infrared pairs.
 
     Repeats are taken that have both infrared and depth, if any has: what they tell depends on their
-    number, and depth is compared with what its own pair gives.
+    number, and depth is compared with what its own pair gives. Of repeats between which something
+    moved the first alone is taken, as their differences would pass for noise in time.
 
     Args:
         scene: of a capture set.
@@ -82,12 +79,16 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
         )
     left = np.stack([one for one, _ in pairs]) if pairs else None
     right = np.stack([other for _, other in pairs]) if pairs else None
+    device = np.stack([scene.info.disparity_px(one) for one in depths]) if depths else None
+    shaken = _shaken(left, device)
+    if shaken:
+        left, right, device = (one if one is None else one[:1] for one in (left, right, device))
     return Reading(
         left=left,
         right=right,
         ours_px=None if left is None or right is None else matched(left[:1], right[:1], sensor),
-        device_px=np.stack([scene.info.disparity_px(one) for one in depths]) if depths else None,
-        moved=left is not None and _moved(left),
+        device_px=device,
+        moved=shaken,
         exposure=recorded(frames[0].record),
         unlit=bool(unlit),
     )
@@ -118,22 +119,11 @@ def _pair(left: GreyImage | None, right: GreyImage | None) -> tuple[GreyImage, G
     return None if left is None or right is None else (left, right)
 
 
-def _moved(repeats: Images) -> bool:
-    """Whether smoothed repeats (n, h, w) differ where noise, and light as a whole, do not.
-
-    What is left of the differences after a common factor is compared with what noise of the size
-    that neighbours differ by would leave.
-    """
-    first, *others = (one.astype(np.float32) for one in repeats)
-    for one in others:
-        factor = float((first * one).sum()) / max(float((one * one).sum()), 1.0)
-        apart = first - factor * one
-        fine = apart - cv2.blur(apart, (3, 3))
-        noise = 1.4826 * float(np.median(np.abs(fine - np.median(fine)))) * 3 / np.sqrt(8)
-        smooth = np.abs(cv2.blur(apart, (_CALM_PX, _CALM_PX)))
-        if np.mean(smooth > _CALM_DN + _CALM * noise / _CALM_PX) > _CALM_SHARE:
-            return True
-    return False
+def _shaken(left: Images | None, device_px: Maps | None) -> bool:
+    """Whether something moved; images tell it better than depth."""
+    if left is not None:
+        return moved.images(left)
+    return device_px is not None and moved.depth(device_px)
 
 
 def alike(one: Reading, other: Reading) -> tuple[Reading, Reading]:

@@ -26,10 +26,13 @@ def scene_pairs(captures: CaptureSet, against: CaptureSet | None) -> ScenePairs:
         against: the set that it is compared with; None: with nothing captured.
 
     Raises:
-        InputError: if the sets differ in size or geometry, or have no scene in common.
+        InputError: if a set is of several cameras, or the sets differ in size or geometry or have
+            no scene in common.
     """
+    captures.refuse_mixed()
     if against is None:
         return ScenePairs(pairs=tuple((one, None) for one in captures.scenes), aside=())
+    against.refuse_mixed()
     for name in _GEOMETRY:
         one, other = (getattr(each.info, name) for each in (captures, against))
         if one != other:

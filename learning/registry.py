@@ -44,11 +44,15 @@ def method(name: str, *, steps: int | None = None, start: Path | None = None) ->
             on from, with fewer and smaller steps; None begins anew.
 
     Raises:
-        InputError: if there is no such method, it cannot start from weights, or steps is below 1.
+        InputError: if there is no such method, it cannot start from weights, steps is below 1, or a
+            package that it needs is missing.
     """
     errors.one_of("method", name, NAMES)
     module, kind, options = _TABLE[name]
-    made = getattr(import_module(f"learning.methods.{module}"), kind)(**options)
+    try:
+        made = getattr(import_module(f"learning.methods.{module}"), kind)(**options)
+    except ModuleNotFoundError as error:
+        raise errors.needs(name, str(error.name), "learning") from error
     if start is not None and name not in STARTABLE:
         known = ", ".join(sorted(STARTABLE))
         raise errors.refuse("start", f"must be for one of {known}", name, "Leave it out.")

@@ -70,6 +70,20 @@ class CapturedScene:
             )
         return Frame(number=number, depth_m=depth_m, record=_record(folder), **images)
 
+    def fullest(self) -> Frame:
+        """Read the first frame that holds an infrared pair and depth; where none does, the first
+        with a pair, then the first with an infrared image, then the first.
+
+        Raises:
+            InputError: as `frame`.
+        """
+        for names in (("ir_left", "ir_right", "depth"), ("ir_left", "ir_right"), ("ir_left",)):
+            for number in self.frames:
+                paths = (self.path / str(number) / f"{name}.png" for name in names)
+                if all(os.path.lexists(path) for path in paths):
+                    return self.frame(number)
+        return self.frame(self.frames[0])
+
     def record(self, number: int) -> dict[str, Any]:
         """Read what `frame.json` tells of one frame, {} where there is none; no image is read.
 

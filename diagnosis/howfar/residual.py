@@ -21,15 +21,15 @@ from diagnosis.howfar.closed import closed
 from diagnosis.howfar.judged import DRAWS, OTHER, Settings
 from diagnosis.reading import Reading
 from diagnosis.subject import Subject
-from learning import registry
 from learning.example import Example, Physics
 from learning.learnable import known_holes
+from learning.method import Method
 from learning.physics_probability import physics_probability
 from patterns.errors import refuse
 from sim import progress
 from sim.depth import depth_from_disparity
 
-_METHOD = "hybrid"
+METHOD = "hybrid"  # Of `learning.registry`.
 _SEED = 0
 _BRIER = "ndp_brier"
 _GAIN = "gain"
@@ -75,6 +75,7 @@ class _Told:
 
 
 def learn(
+    method: Method,
     asked: Sequence[Subject],
     locked: Sequence[Subject],
     settings: Settings,
@@ -86,6 +87,7 @@ def learn(
     Holes are those of the device's own depth, where it has none our matcher's.
 
     Args:
+        method: that corrects physics, `METHOD`.
         asked: subjects to learn from.
         locked: subjects to judge on.
         settings: value by accepted effect.
@@ -107,7 +109,7 @@ def learn(
     def told(physics: Sequence[Physics], real: Callable[[Subject], Reading]) -> _Told:
         pairs = zip(subjects, physics, strict=True)
         many = [_example(one, known, real(one)) for one, known in pairs]
-        return _judged(many[: len(asked)], many[len(asked) :], tell)
+        return _judged(method, many[: len(asked)], many[len(asked) :], tell)
 
     base = simulated({})
     with_effects = simulated(settings) if settings else base
@@ -124,12 +126,13 @@ def learn(
 
 
 def _judged(
-    learnt_from: Sequence[Example], held: Sequence[Example], tell: progress.Progress
+    method: Method,
+    learnt_from: Sequence[Example],
+    held: Sequence[Example],
+    tell: progress.Progress,
 ) -> _Told:
     with tempfile.TemporaryDirectory() as folder:
-        predictor = registry.method(_METHOD).fit(
-            learnt_from, folder=Path(folder), seed=_SEED, tell=tell
-        )
+        predictor = method.fit(learnt_from, folder=Path(folder), seed=_SEED, tell=tell)
     found = _Told([], [])
     for one in held:
         assert one.physics is not None

@@ -71,7 +71,7 @@ def lit(
     smoothing_px: float = 0.0,
     within_surfaces: bool = False,
 ) -> Lit:
-    """Estimate reflectance and ambient light from the first infrared image.
+    """Estimate reflectance and ambient light from the infrared image of the fullest frame.
 
     The sensor's projector and lens light the reference surface, with the captures' geometry if the
     sensor has another; what that does not explain of the image is reflectance. With a projector-off
@@ -95,7 +95,7 @@ def lit(
     from sim.stage import Stage
 
     errors.in_interval("smoothing_px", smoothing_px, 0.0, 100.0, "12 leaves no dots.")
-    frame = scene.frame(scene.frames[0])
+    frame = scene.fullest()
     disparity_px, black_dn = _disparity_px(scene), sensor.left.black_level_dn
     seen = _seen(scene, frame, black_dn)
     if not scene.info.are_of(sensor):
@@ -120,7 +120,7 @@ def lit(
 
 
 def brightness(scene: CapturedScene, *, smoothing_px: float) -> Array:
-    """The first infrared image smoothed (h, w), 0.5 in the mean; light and reflectance in one.
+    """Brightness (h, w) of the fullest frame, smoothed, 0.5 in the mean: light and reflectance.
 
     Args:
         scene: of a capture set.
@@ -129,7 +129,7 @@ def brightness(scene: CapturedScene, *, smoothing_px: float) -> Array:
     Raises:
         InputError: if there is no infrared image.
     """
-    level = _seen(scene, scene.frame(scene.frames[0]), 0.0)
+    level = _seen(scene, scene.fullest(), 0.0)
     return room_light.believable(_smoothed(level, smoothing_px, None))
 
 

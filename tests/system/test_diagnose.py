@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import shutil
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -185,6 +186,10 @@ def test_captures_that_cannot_be_compared_are_refused(place, tmp_path, capsys):
     info.write_text(text.replace("baseline_m = ", "baseline_m = 1"))
     assert "must be of one baseline_m" in refused_against(place, other, out, capsys)
     info.write_text(text)
+    own = other / "clutter-2" / "camera.toml"
+    own.write_text(text.replace("baseline_m = ", "baseline_m = 1"))
+    assert "must be of one camera here" in refused_against(place, other, out, capsys)
+    own.unlink()
     for scene in capture.open_set(other).scenes:
         for number in scene.frames:
             frame = scene.path / str(number)
@@ -225,6 +230,13 @@ def test_without_infrared_depth_alone_is_asked(place, diagnosed, tmp_path):
     assert any("No infrared" in limit for limit in told["limits"])
     told = diagnosed(bare, "--against", str(bare))
     assert told["verdict"] == "no gap" and list(told["which"]) == ["whole"]
+
+
+def test_without_what_a_residual_needs_nothing_is_begun(place, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "learning.methods.hybrid", None)
+    flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
+    assert starling.main(["diagnose", str(place / "null"), *flags, "--residual"]) == 1
+    assert "hybrid needs" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
 def test_a_residual_is_not_learnt_against_other_captures(place, tmp_path, capsys):

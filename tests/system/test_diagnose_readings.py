@@ -9,8 +9,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from diagnosis import light_sets, reading, subject
+from diagnosis import light_sets, moved, reading, subject
 from diagnosis.withheld import case, shoot
 from sim import capture, simulate, simulate_captures
 from sim.sensor_edits import with_values
@@ -103,5 +104,43 @@ def test_repeats_that_moved_are_noticed(place):
     assert left is not None
     first, second = left
     brighter = np.clip(second * 1.2, 0, 255).astype(np.uint8)
-    assert not reading._moved(left) and not reading._moved(np.stack([first, brighter]))
-    assert reading._moved(np.stack([first, np.roll(second, 1, axis=1)]))
+    assert not moved.images(left) and not moved.images(np.stack([first, brighter]))
+    assert moved.images(np.stack([first, np.roll(second, 1, axis=1)]))
+
+
+def test_of_repeats_that_moved_the_first_alone_is_read(place, tmp_path):
+    shaken = shutil.copytree(place / "null", tmp_path / "shaken")
+    path = shaken / "clutter-1" / "1" / "ir_left.png"
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert image is not None
+    cv2.imwrite(str(path), np.roll(image, 1, axis=1))
+    read = reading.read(capture.open_set(shaken).scenes[0], sensor())
+    assert read.moved and read.repeats == 1
+    still = reading.read(capture.open_set(place / "null").scenes[0], sensor())
+    assert not still.moved and still.repeats == 2
+
+
+def test_a_body_that_moved_is_noticed_in_depth_alone(place, tmp_path):
+    """Not noise, nor depth that is all noise, nor repeats that have none in common."""
+    alone = shutil.copytree(place / "null", tmp_path / "alone")
+    folder = alone / "clutter-1"
+    for path in folder.glob("*/ir_*.png"):
+        path.unlink()
+    rng = np.random.default_rng(0)
+    info = capture.open_set(alone).info
+    disparity_px = 30 + 0.1 * rng.standard_normal((2, *info.shape))
+
+    def read(of: NDArray[np.float64]) -> reading.Reading:
+        code = np.where(of > 0, info.fx_px * info.baseline_m / of / info.depth_unit_m, 0)
+        for number, one in enumerate(np.rint(code).astype(np.uint16)):
+            cv2.imwrite(str(folder / str(number) / "depth.png"), one)
+        return reading.read(capture.open_set(alone).scenes[0], sensor())
+
+    assert not read(disparity_px).moved and read(disparity_px).repeats == 2
+    beside = disparity_px.copy()
+    beside[1, 40:80, 60:120] += 3
+    assert read(beside).moved and read(beside).repeats == 1
+    assert not read(30 + 3 * rng.standard_normal(beside.shape)).moved
+    half = np.arange(info.width) < info.width // 2
+    apart = np.stack([np.where(half, 30.0, -1.0), np.where(half, -1.0, 30.0)])
+    assert not read(np.repeat(apart[:, None], info.height, axis=1)).moved

@@ -7,6 +7,7 @@ of another pattern has to find none. Effects depart from what was fitted, by han
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,21 @@ def test_the_scale_is_found_that_captures_were_made_with(warm):
     assert fitted(warm, SENSOR) == pytest.approx(WARM, abs=1.5e-4)
     other = with_values(SENSOR, [("projector.pattern_scale", 1.001)])
     assert fitted(warm, other) == pytest.approx(WARM, abs=1.5e-4)
+
+
+def test_where_the_first_frame_has_depth_alone_another_tells(warm, tmp_path):
+    whole = shutil.copytree(warm.path.parent, tmp_path / "set")
+    frame = whole / warm.name / "0"
+    shutil.copytree(frame, frame.with_name("1"))
+    for image in frame.glob("ir_*.png"):
+        image.unlink()
+    (scene,) = capture.open_set(whole).scenes
+    assert fitted(scene, SENSOR) == fitted(warm, SENSOR)
+    (known, estimates), (all_known, all_estimates) = (
+        estimated.scene(one, SENSOR) for one in (scene, warm)
+    )
+    assert len(estimates) == len(all_estimates)
+    assert known.ambient == all_known.ambient
 
 
 def test_dots_of_another_pattern_or_none_tell_no_scale(warm, tmp_path):

@@ -13,7 +13,6 @@ import pytest
 from diagnosis.howfar import holes, residual
 from diagnosis.howfar.judged import DRAWS, OTHER
 from diagnosis.reading import Reading
-from learning import registry
 from learning.example import Example, Image, Physics
 from learning.physics_probability import physics_probability
 from patterns.errors import InputError
@@ -89,17 +88,15 @@ class Knowing:
         return (example.ndp + LEARNT * (told - example.ndp)).astype(np.float32)
 
 
-@pytest.fixture
-def method(monkeypatch: pytest.MonkeyPatch) -> Knowing:
-    one = Knowing()
-    monkeypatch.setattr(registry, "method", {"hybrid": one}.__getitem__)
-    return one
-
-
-def learn(settings: Mapping[str, float], **how: bool) -> residual.Residual:
+def learn(method: Knowing, settings: Mapping[str, float], **how: bool) -> residual.Residual:
     asked: Any = [Made(number, **how) for number in range(3)]
     locked: Any = [Made(number, **how) for number in (3, 4, 5)]
-    return residual.learn(asked, locked, settings)
+    return residual.learn(method, asked, locked, settings)
+
+
+@pytest.fixture
+def method() -> Knowing:
+    return Knowing()
 
 
 def test_the_figures_of_holes_are_those_of_an_evaluation():
@@ -115,7 +112,7 @@ def test_the_figures_of_holes_are_those_of_an_evaluation():
 
 
 def test_without_effects_the_bound_alone_is_told(method):
-    found = learn({})
+    found = learn(method, {})
     told = physics_probability(made_physics(SEEN))
     assert found.alone == holes.figures(told, HOLES, GROUND.counted)
     assert found.bound["ndp_brier"] == pytest.approx(LEARNT**2 * found.alone["ndp_brier"])
@@ -127,22 +124,22 @@ def test_without_effects_the_bound_alone_is_told(method):
 
 
 def test_holes_are_our_matcher_s_where_the_device_has_no_depth(method):
-    assert learn({}, device=False) == learn({})
+    assert learn(method, {}, device=False) == learn(method, {})
 
 
 def test_a_true_effect_leaves_no_more_to_learn_than_noise_and_a_stand_in_as_much(method):
-    gain = learn({"true": 1.0}).absorption
+    gain = learn(method, {"true": 1.0}).absorption
     assert gain.gain_after is not None
     assert 0 < gain.gain_after == gain.gain_floor < gain.gain_before
     assert gain.share == pytest.approx(1) and gain.interval == pytest.approx((1, 1))
-    imitated = learn({"imitating": 1.0}).absorption
+    imitated = learn(method, {"imitating": 1.0}).absorption
     assert imitated.closable and imitated.share == pytest.approx(0)
     assert imitated.gain_after == imitated.gain_before == gain.gain_before
 
 
 def test_of_one_scene_there_is_no_interval(method):
     many: Any = [Made(0), Made(1)]
-    gain = residual.learn(many[:1], many[1:], {"true": 1.0}).absorption
+    gain = residual.learn(method, many[:1], many[1:], {"true": 1.0}).absorption
     assert gain.share == pytest.approx(1) and gain.interval is None
 
 
@@ -150,7 +147,7 @@ def test_where_nothing_is_gained_there_is_no_share(method, monkeypatch):
     monkeypatch.setattr(
         Knowing, "probability", lambda self, example: physics_probability(example.physics)
     )
-    gain = learn({"true": 1.0}).absorption
+    gain = learn(method, {"true": 1.0}).absorption
     assert gain.gain_before == gain.gain_after == gain.gain_floor == 0
     assert not gain.closable and gain.share is gain.interval is None
 
@@ -158,7 +155,7 @@ def test_where_nothing_is_gained_there_is_no_share(method, monkeypatch):
 def test_without_a_locked_scene_nothing_is_learnt(method):
     asked: Any = [Made(0)]
     with pytest.raises(InputError, match="locked scenes must be at least 1; got 0"):
-        residual.learn(asked, [], {})
+        residual.learn(method, asked, [], {})
     assert method.seen == []
 
 

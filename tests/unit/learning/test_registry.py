@@ -71,6 +71,19 @@ def test_methods_on_physics_refuse_scenes_without(name, tmp_path):
         method.fit([scene], folder=tmp_path, seed=0).probability(scene)
 
 
+@pytest.mark.parametrize("name, package", [("hybrid", "torch"), ("trees", "sklearn")])
+def test_what_a_method_needs_and_is_missing_is_named(name, package):
+    """In a process of its own, which has loaded none of it."""
+    code = (
+        f"import sys; sys.modules['{package}'] = None\n"
+        "from learning import registry; from patterns.errors import InputError\n"
+        f"try: registry.method('{name}')\n"
+        "except InputError as error: print(error)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.startswith(f"{name} needs {package}") == (package == "torch")
+
+
 def test_a_cheap_method_loads_no_network_and_no_renderer():
     code = (
         "import sys; from learning import registry;"

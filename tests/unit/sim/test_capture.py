@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -226,6 +227,31 @@ def test_geometry_goes_into_a_sensor(small_set: Path) -> None:
     info = capture.open_set(small_set).info
     sensor = info.geometry_into(sensors.load("d415"))
     assert (sensor.width, sensor.fx_px, sensor.baseline_m) == (160, 90.0, 0.05)
+
+
+def test_of_frames_the_fullest_is_the_first_with_a_pair_and_depth(small_set: Path) -> None:
+    scene = small_set / "a"
+    for number in "123":
+        shutil.copytree(scene / "0", scene / number)
+
+    def fullest() -> int:
+        return capture.open_set(scene).scenes[0].fullest().number
+
+    assert fullest() == 0
+    (scene / "0" / "ir_right.png").unlink()
+    (scene / "1" / "depth.png").unlink()
+    assert fullest() == 2
+    for number in "23":
+        (scene / number / "depth.png").unlink()
+    assert fullest() == 1
+    for number in "123":
+        (scene / number / "ir_right.png").unlink()
+    assert fullest() == 0
+    (scene / "0" / "ir_left.png").unlink()
+    assert fullest() == 1
+    for number in "123":
+        shutil.rmtree(scene / number)
+    assert fullest() == 0
 
 
 def test_a_scene_may_have_a_camera_of_its_own(small_set: Path) -> None:
