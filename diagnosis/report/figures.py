@@ -90,6 +90,10 @@ def _effect(arm: Found, one: Accepted) -> dict[str, Any]:
         "base": one.fit.signature.candidate.base,
         "set": [one.fit.name, *(rival.name for rival in one.rivals)],
         "rivals": {rival.name: rival.value for rival in one.rivals},
+        "rival_intervals": {
+            rival.name: list(ends)
+            for rival, ends in zip(one.rivals, one.rival_intervals, strict=True)
+        },
         "rival_gains": {rival.name: rival.total for rival in one.rivals},
         "gain": one.fit.total,
     }

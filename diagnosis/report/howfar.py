@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from html import escape
+
+import numpy as np
 
 from calibration.report.elements import counted, number
 from diagnosis.diagnosis import Diagnosis
@@ -62,10 +66,39 @@ def section(of: Diagnosis) -> str:
     return (
         prose(said)
         + (prose(stand_ins) if of.kind == "none of the known" else "")
+        + _closings(of.howfar.figures)
         + "".join(_figure(name, one, bound.get(name)) for name, one in of.howfar.figures.items())
         + _shares(of.howfar.shares)
         + learnt
     )
+
+
+def _closings(figures: Mapping[str, Closed]) -> str:
+    """What is closed of every figure side by side, where that can be told."""
+    bars = []
+    for name, one in figures.items():
+        if one.closed_pct is None:
+            continue
+        low, high = (math.nan, math.nan) if one.interval is None else one.interval
+        bars.append(
+            Bar(
+                name=TITLES.get(name, name.capitalize()),
+                value=_shown(one.closed_pct),
+                told=f"{number(one.closed_pct, '.0f')} %",
+                low=_shown(low),
+                high=_shown(high),
+                kind="third",
+            )
+        )
+    if not bars:
+        return ""
+    said = "Closed, in percent, with 95 % intervals; bars end at -50 and 150 at most."
+    return f"<h4>All figures</h4>{prose(said)}{chart(bars, line=100.0)}"
+
+
+def _shown(percent: float) -> float:
+    """Where a bar ends, so that a wide one does not squeeze all others."""
+    return float(np.clip(percent, -50.0, 150.0))
 
 
 def _figure(name: str, one: Closed, bound: float | None) -> str:

@@ -77,8 +77,10 @@ def _set(one: Accepted, *, stand_in: bool) -> str:
     if not one.rivals:
         return f"{name} is separable from the other effects that were looked at closely.{imitates}"
     rivals = ", ".join(
-        f"{rival.name} {sentences.number(rival.value)} (gain {number(rival.total, '.1f')})"
-        for rival in one.rivals
+        f"{rival.name} {sentences.number(rival.value)} "
+        f"[{sentences.number(low)}, {sentences.number(high)}] "
+        f"(gain {number(rival.total, '.1f')})"
+        for rival, (low, high) in zip(one.rivals, one.rival_intervals, strict=True)
     )
     return f"{name} is not separable from {escape(rivals)}.{imitates}"
 

@@ -36,6 +36,7 @@ class Accepted:
     fit: Fit  # Given the others.
     interval: tuple[Value, Value]
     rivals: tuple[Fit, ...]  # Other candidates, in its place, that the data cannot tell from it.
+    rival_intervals: tuple[tuple[Value, Value], ...]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -273,10 +274,12 @@ def _in_place(
 def _accepted(number: int, model: Model, trial: Trial, signatures: Sequence[Signature]) -> Accepted:
     """What is told of one of the accepted."""
     own, others = _in_place(number, model, trial, signatures)
+    rivals = _rivals(own, others, trial)
     return Accepted(
         fit=own,
         interval=own.interval(trial.rooms, level=_LEVEL),
-        rivals=_rivals(own, others, trial),
+        rivals=rivals,
+        rival_intervals=tuple(one.interval(trial.rooms, level=_LEVEL) for one in rivals),
     )
 
 

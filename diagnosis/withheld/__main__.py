@@ -58,7 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     scores["wall_seconds"] = round(time.perf_counter() - begun, 1)
     (check.place / "scores.json").write_text(json.dumps(scores, indent=1), encoding="utf-8")
     table = score_table.power(scores["power"]) if asked.power else score_table.text(scores)
-    print(json.dumps(scores) if asked.json else table)
+    opening = score_table.opening(scores["opened"], code_as_sealed=scores["code_as_sealed"])
+    print(json.dumps(scores) if asked.json else f"{table}\n{opening}")
     return 0
 
 

@@ -74,6 +74,18 @@ def power(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     return "\n".join(_columns([heads, *body])) + "\n"
 
 
+def opening(opened: int, *, code_as_sealed: bool) -> str:
+    """Say what the scores rest on.
+
+    Args:
+        opened: How often the truth was opened, this time included.
+        code_as_sealed: Whether the code is still the one that was sealed.
+    """
+    times = "once" if opened == 1 else f"{opened} times"
+    code = "as it was sealed" if code_as_sealed else "another than was sealed"
+    return f"The truth was opened {times}; the code is {code}.\n"
+
+
 def _goals(scores: Mapping[str, Any]) -> list[str]:
     rows = [["score", "reached", "95 %", "asked", ""]]
     told = {key: words for key, words in _WORDS.items() if scores[key] is not None}

@@ -233,7 +233,9 @@ def test_accepted_effects_stand_with_value_interval_and_set():
     assert row[2] == "[{}, {}]".format(*map(sentences.number, one.interval))
     assert row[5] == f"{one.fit.total:.1f}"
     rival = one.rivals[0]
-    assert f"{one.fit.name} is not separable from {rival.name}" in re.sub(" +", " ", read.text)
+    ends = ", ".join(map(sentences.number, one.rival_intervals[0]))
+    said = f"{one.fit.name} is not separable from {rival.name} {sentences.number(rival.value)} "
+    assert f"{said}[{ends}]" in re.sub(" +", " ", read.text)
     alone = {"lens_blur", "dot_blur"}
     for each in NAMED.alone:
         shown = f"{each.name} {each.total:.1f} at {sentences.number(each.value)}" in read.text
@@ -267,6 +269,19 @@ def test_how_far_has_its_numbers():
     assert "lens_blur 81 %" in text
     assert "on 1 scene that had no say: holes (Brier score) 67 % (95 %: 41 to 83)." in text
     assert "on 2 scenes that" in page(diagnosis(locked=NAMES[:2]))
+
+
+def test_what_is_closed_stands_side_by_side_with_intervals():
+    """On an axis from -50, for -200, to 100, where the line is."""
+    read = page(FULL).split("All figures")[1].split("</ul>")[0]
+    assert "Holes: Brier score" in read and f"{MINUS}200 %" in read and "Bias" not in read
+    assert read.count('"whisker"') == 1
+    left, width = re.findall(r'"whisker" style="left:([\d.]+)%;width:([\d.]+)%"', read)[0]
+    assert float(left) == pytest.approx(100 * 91 / 150, abs=0.01)
+    assert float(width) == pytest.approx(100 * 42 / 150, abs=0.01)
+    none = {name: HOWFAR.figures[name] for name in ("bias_px", "log_nmad")}
+    told = dataclasses.replace(HOWFAR, figures=none)
+    assert "All figures" not in page(dataclasses.replace(FULL, howfar=told))
 
 
 def test_no_gap_is_a_verdict():
@@ -365,6 +380,8 @@ def test_report_json_holds_what_the_page_shows():
     assert image["by_group"]["level by x"]["after"] == pytest.approx(image["after"])
     (rival,) = NAMED.accepted[0].rivals
     assert told["effects"][0]["rival_gains"] == {rival.name: pytest.approx(rival.total)}
+    low, high = told["effects"][0]["rival_intervals"][rival.name]
+    assert low <= told["effects"][0]["rivals"][rival.name] <= high
 
 
 def test_the_printed_text_ends_with_the_report_s_place():

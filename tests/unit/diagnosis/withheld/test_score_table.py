@@ -9,7 +9,7 @@ from typing import Any
 from diagnosis.withheld.nominal import Nominal
 from diagnosis.withheld.power import curves
 from diagnosis.withheld.score import score
-from diagnosis.withheld.score_table import power, text
+from diagnosis.withheld.score_table import opening, power, text
 
 Make = Callable[..., Any]
 
@@ -41,6 +41,11 @@ def test_text_of_scores(effect: Make, say: Make, answer: Make, camera: Nominal) 
     assert len({line.index(">= 0.90") + 7 for line in table if ">= 0.90" in line}) == 1
     ends = {len(line) for line in table if line.endswith(("reached", "MISSED", "not told"))}
     assert len(ends) == 1
+
+
+def test_what_scores_rest_on_is_said() -> None:
+    assert opening(1, code_as_sealed=True).endswith("opened once; the code is as it was sealed.\n")
+    assert "3 times; the code is another than was" in opening(3, code_as_sealed=False)
 
 
 def test_text_is_plain_and_narrow(effect: Make, say: Make, answer: Make, camera: Nominal) -> None:
