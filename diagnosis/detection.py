@@ -21,21 +21,17 @@ from typing import Any
 
 from diagnosis import named, program
 from diagnosis.subject import subject
-from diagnosis.which import null
+from diagnosis.which import noticed
 from diagnosis.which.arm import Screen
 from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm
-from diagnosis.which.fit import fit, places
-from diagnosis.which.likelihood import Likelihood
 from diagnosis.which.signature import Signature, signature, with_node
 from sim import asked_sensor, capture, effects, progress
 from sim.effects.effect import Value
 from sim.sensor import Sensor
 from sim.threads import single_threaded
 
-POWER = 0.5
 _STEPS = 16  # Strengths tried between two nodes.
-_ROUGH = 4  # Likewise, where an effect's strength is looked for.
 _CLOSER = 4  # Times that an effect is simulated where it was just found.
 _DEVICES = (101, 102, 103, 104)  # Whose readings with an effect are looked at in the end.
 _STRONGER = 1.5  # Departure over the last one, where too few of them are found.
@@ -119,7 +115,7 @@ def _limits(of: Signature, table: Bench, screen: Screen) -> Limits:
     # What is tried first is not all there is.
     whole = signature(candidate, table, candidate.nodes) or of
     tried = range(len(whole.values))
-    found = [whole.value(place) for place in tried if _found(whole, place, screen)]
+    found = [whole.value(place) for place in tried if noticed.at(whole, place, screen)]
     return {"found": [value for value in found if value != candidate.base]}
 
 
@@ -129,45 +125,21 @@ def _side(of: Signature, table: Bench, screen: Screen, *, upwards: bool) -> Valu
     side = [float(node) for node in of.candidate.nodes if (float(node) > base) == upwards]
     if not side:
         return None
-    least = _least(of, screen, upwards=upwards)
+    least = noticed.least(of, screen, upwards=upwards, steps=_STEPS)
     if least is None:  # What is tried first is not the strongest either.
         of = signature(of.candidate, table, side) or of
-        least = _least(of, screen, upwards=upwards)
+        least = noticed.least(of, screen, upwards=upwards, steps=_STEPS)
     for _ in range(_CLOSER):
         if least is None or least in of.values:
             break
         of = with_node(of, least, table)
-        least = _least(of, screen, upwards=upwards)
+        least = noticed.least(of, screen, upwards=upwards, steps=_STEPS)
     while least is not None and not _found_on_devices(of, least, table, screen):
         least = base + _STRONGER * (float(least) - base)
         least = float(round(least)) if of.candidate.whole else least
         if abs(least - base) > max(abs(node - base) for node in side):
             return None
     return least
-
-
-def _least(of: Signature, screen: Screen, *, upwards: bool) -> Value | None:
-    """The value nearest to the base from which on all are found to one side."""
-    tried = places(of, _STEPS)
-    base = float(of.values.index(of.candidate.base))
-    tried = tried[tried > base] if upwards else tried[tried < base][::-1]
-    found = [_found(of, float(place), screen) for place in tried]
-    if not found or not found[-1]:
-        return None
-    missed = [number for number, one in enumerate(found) if not one]
-    return of.value(float(tried[missed[-1] + 1 if missed else 0]))
-
-
-def _found(of: Signature, place: float, screen: Screen) -> bool:
-    """Whether half of the seeds, with the effect in them, give it enough gain."""
-    return _enough(
-        of,
-        [
-            base.likelihood(reading + of.at(place).change, screen.weight)
-            for base, reading in null.readings(screen.base)
-        ],
-        screen,
-    )
 
 
 def _found_on_devices(of: Signature, value: Value, table: Bench, screen: Screen) -> bool:
@@ -180,13 +152,7 @@ def _found_on_devices(of: Signature, value: Value, table: Bench, screen: Screen)
     readings = [table.another({of.name: value}, number=number) for number in _DEVICES]
     known = [reading for reading in readings if reading is not None]
     likelihoods = [screen.base.likelihood(reading, screen.weight) for reading in known]
-    return len(known) == len(readings) and _enough(of, likelihoods, screen)
-
-
-def _enough(of: Signature, readings: Sequence[Likelihood], screen: Screen) -> bool:
-    """Whether an effect gains as much as it has to in enough of some readings."""
-    gains = [fit(of, one, screen.folds, steps=_ROUGH).total for one in readings]
-    return sum(gain >= screen.threshold for gain in gains) >= POWER * len(readings)
+    return len(known) == len(readings) and noticed.enough(of, likelihoods, screen)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

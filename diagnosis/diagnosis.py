@@ -20,6 +20,7 @@ from diagnosis.where import where
 from diagnosis.where.where import Where
 from diagnosis.which.arm import Found
 from diagnosis.which.candidates import Arm
+from diagnosis.which.noticed import Noticed, noticed
 from learning import registry
 from patterns.errors import InputError, refuse
 from sim import progress
@@ -45,6 +46,7 @@ class Diagnosis:
     tell_apart: tuple[Told, ...]  # The best capture for each accepted effect and its first rival.
     howfar: Judged | None  # None where no scene is locked or nothing is named.
     residual: Residual | None  # None where it was not asked for, or nothing could be learnt.
+    noticed: tuple[Noticed, ...]  # Where there is no gap: what would have been one.
     shown: Shown  # A scene that pictures are made of, a locked one where there is any.
 
 
@@ -100,6 +102,9 @@ def diagnose(
         ]
         found = named(screens, locked)
         proposed = _told(found.arms, asked, crew, tell)
+    seen = [
+        one for _, screen in (screens if found.kind == "no gap" else ()) for one in noticed(screen)
+    ]
     learnt = None
     limits = limits_of(
         captures.info.sensor,
@@ -137,6 +142,7 @@ def diagnose(
         tell_apart=tuple(proposed),
         howfar=found.howfar,
         residual=learnt,
+        noticed=tuple(seen),
         shown=shown((locked or subjects)[0], found.settings if found.together else {}),
     )
 

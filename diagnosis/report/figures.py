@@ -23,6 +23,7 @@ def figures(of: Diagnosis) -> dict[str, Any]:
             "against": of.against,
             "says": sentences.answer(of),
             "effects": effects(of.arms),
+            "noticed": [dataclasses.asdict(one) for one in of.noticed],
             "tell_apart": [dataclasses.asdict(one) for one in of.tell_apart],
             "where": {
                 "parts": {name: _part(part) for name, part in of.where.parts.items()},

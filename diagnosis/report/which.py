@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
 from calibration.report.elements import counted, number, table
@@ -11,6 +12,7 @@ from diagnosis.report import groups, sentences
 from diagnosis.report.elements import Bar, chart, prose
 from diagnosis.tell_apart import Told
 from diagnosis.which.arm import Found
+from diagnosis.which.noticed import Noticed
 from diagnosis.which.search import Accepted
 from sim.effects import setting
 
@@ -22,7 +24,36 @@ def section(of: Diagnosis) -> str:
     """Write the answer to the second question as HTML."""
     if not of.arms:
         return prose("No effect was tried: these captures cannot tell.")
-    return "".join(_arm(arm) for arm in of.arms) + _tell_apart(of)
+    return "".join(_arm(arm) for arm in of.arms) + _tell_apart(of) + _noticed(of.noticed)
+
+
+def _noticed(of: Sequence[Noticed]) -> str:
+    if not of:
+        return ""
+    rows = [
+        [
+            f"<code>{escape(one.name)}</code>",
+            *(
+                "" if end is None else escape(sentences.number(end))
+                for end in (one.below, one.base, one.above)
+            ),
+            escape(_unit(one.name)),
+        ]
+        for one in of
+    ]
+    said = (
+        "No gap does not say that nothing is off. From these values on an effect would have been "
+        "noticed in half of such captures or more, roughly, by what it does to these scenes where "
+        "it was simulated; weaker it would hardly have been. Where none stands it would not have "
+        "been at any strength that was simulated."
+    )
+    head = ["Effect", "Noticed at or below", "Base", "Noticed at or above", "Unit"]
+    return f"<h3>What would have been noticed</h3>{prose(said)}{table(head, rows)}"
+
+
+def _unit(name: str) -> str:
+    _, parameter = setting.parameter_of(name)
+    return "" if parameter.unit == "1" else parameter.unit
 
 
 def _arm(arm: Found) -> str:
@@ -51,13 +82,12 @@ def _accepted(arm: Found) -> str:
     rows = []
     for one in accepted:
         low, high = (sentences.number(end) for end in one.interval)
-        _, parameter = setting.parameter_of(one.fit.name)
         rows.append(
             [
                 f"<code>{escape(one.fit.name)}</code>",
                 escape(sentences.number(one.fit.value)),
                 escape(f"[{low}, {high}]"),
-                escape("" if parameter.unit == "1" else parameter.unit),
+                escape(_unit(one.fit.name)),
                 escape(sentences.number(one.fit.signature.candidate.base)),
                 number(one.fit.total, ".1f"),
             ]

@@ -117,6 +117,9 @@ def test_families_that_are_asked_for_are_tried_alone(place, diagnosed):
 def test_of_no_gap_nothing_is_named(place, diagnosed):
     told = diagnosed(place / "null")
     assert told["verdict"] == "no gap" and told["effects"] == [] and told["howfar"] == {}
+    seen = {one["name"]: one for one in told["noticed"]}
+    assert seen["gamma"]["below"] < seen["gamma"]["base"] == 1 < seen["gamma"]["above"]
+    assert 0 < seen["vignetting"]["above"] and seen["vignetting"]["below"] is None
 
 
 def test_one_scene_says_what_it_cannot_tell(place, diagnosed):

@@ -30,6 +30,7 @@ from diagnosis.which import search
 from diagnosis.which.arm import OF_BEFORE, UNEXPLAINED, Found, Screen
 from diagnosis.which.bench import Bench, Columns
 from diagnosis.which.candidates import Arm
+from diagnosis.which.noticed import Noticed
 from diagnosis.which.signature import Signature
 from sim import record
 from tests.unit.diagnosis import test_fit as made
@@ -140,6 +141,7 @@ def diagnosis(captured: list[Reading] | None = None, **others: Any) -> Diagnosis
         "tell_apart": (),
         "howfar": HOWFAR,
         "residual": None,
+        "noticed": (),
         "shown": Shown(
             scene=names[-1] if len(names) < 2 else names[1],
             real=captured[0],
@@ -293,6 +295,21 @@ def test_no_gap_is_a_verdict():
     assert "was not judged: no effect is named" in text
     assert "is not separable" not in text.split("How this was made")[0]
     assert "what is left here" not in text
+    assert "would have been noticed" not in text
+
+
+def test_without_a_gap_it_is_told_what_would_have_been_one():
+    seen = (
+        Noticed(name="vignetting", base=0.0, below=None, above=0.75),
+        Noticed(name="gamma", base=1.0, below=0.9, above=1.25),
+    )
+    one = diagnosis(kind="no gap", arms=(found(NOTHING),), howfar=None, noticed=seen)
+    read = Reader(page(one))
+    assert "What would have been noticed" in read.text
+    assert read.row("vignetting") == ["vignetting", "", "0", "0.75", ""]
+    assert read.row("gamma")[1:4] == ["0.9", "1", "1.25"]
+    told = json.loads(record.dumps(figures.figures(one)))["noticed"]
+    assert told[0] == {"name": "vignetting", "base": 0.0, "below": None, "above": 0.75}
 
 
 def test_none_of_the_known_is_a_verdict_and_leads():
