@@ -44,6 +44,19 @@ class Reading:
         assert maps is not None
         return maps
 
+    def first(self, count: int) -> Reading:
+        """The first repeats alone.
+
+        Args:
+            count: how many.
+        """
+        return dataclasses.replace(
+            self,
+            left=None if self.left is None else self.left[:count],
+            right=None if self.right is None else self.right[:count],
+            device_px=None if self.device_px is None else self.device_px[:count],
+        )
+
     @property
     def repeats(self) -> int:
         """How many there are."""
@@ -81,9 +94,7 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
     right = np.stack([other for _, other in pairs]) if pairs else None
     device = np.stack([scene.info.disparity_px(one) for one in depths]) if depths else None
     shaken = _shaken(left, device)
-    if shaken:
-        left, right, device = (one if one is None else one[:1] for one in (left, right, device))
-    return Reading(
+    whole = Reading(
         left=left,
         right=right,
         ours_px=None if left is None or right is None else matched(left[:1], right[:1], sensor),
@@ -92,6 +103,7 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
         exposure=recorded(frames[0].record),
         unlit=bool(unlit),
     )
+    return whole.first(1) if shaken else whole
 
 
 def _unlit(frame: Frame) -> Frame:
@@ -146,12 +158,12 @@ def alike(one: Reading, other: Reading) -> tuple[Reading, Reading]:
     first, second = (
         dataclasses.replace(
             each,
-            left=None if each.left is None or not paired else each.left[:count],
-            right=None if each.right is None or not paired else each.right[:count],
+            left=each.left if paired else None,
+            right=each.right if paired else None,
             ours_px=each.ours_px if paired else None,
-            device_px=None if each.device_px is None or not measured else each.device_px[:count],
+            device_px=each.device_px if measured else None,
         )
-        for each in (one, other)
+        for each in (one.first(count), other.first(count))
     )
     return first, second
 
