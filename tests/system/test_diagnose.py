@@ -119,7 +119,7 @@ def test_of_no_gap_nothing_is_named(place, diagnosed):
     assert told["verdict"] == "no gap" and told["effects"] == [] and told["howfar"] == {}
     seen = {one["name"]: one for one in told["noticed"]}
     assert seen["gamma"]["below"] < seen["gamma"]["base"] == 1 < seen["gamma"]["above"]
-    assert 0 < seen["vignetting"]["above"] and seen["vignetting"]["below"] is None
+    assert seen["vignetting"]["above"] > 0 and seen["vignetting"]["below"] is None
 
 
 def test_one_scene_says_what_it_cannot_tell(place, diagnosed):
