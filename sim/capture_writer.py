@@ -129,6 +129,7 @@ def write_frame(
     infrared: tuple[GreyImage, GreyImage | None] | None = None,
     registered_m: NDArray[np.float32] | None = None,
     colour: NDArray[np.uint8] | None = None,
+    reasons: bool = False,
     layers: Layers | None = None,
     facts: Mapping[str, Any] | None = None,
 ) -> None:
@@ -143,6 +144,7 @@ def write_frame(
         infrared: left and right, (h, w); no right one with structured light.
         registered_m: depth in the colour camera's image, goes to `depth_colour.png` as code.
         colour: (h, w, 3) red, green, blue, goes to `rgb.png`.
+        reasons: of every pixel, go to `reason.png` as codes of `sim.reason`.
         layers: with `depth` go to `frame.exr`.
         facts: more keys of `frame.json`: exposure_s, gain, seed ...
     """
@@ -156,6 +158,8 @@ def write_frame(
         folder.write(f"{at}/depth_colour.png", png.encode(to_code(registered_m, depth_unit_m)))
     if colour is not None:
         folder.write(f"{at}/rgb.png", png.encode_colour(colour))
+    if reasons:
+        folder.write(f"{at}/reason.png", png.encode(depth.reason.astype(np.uint8)))
     if layers is not None:
         folder.write_by(f"{at}/frame.exr", lambda path: exr.write(path, layers, depth))
     folder.write(

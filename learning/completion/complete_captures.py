@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from learning.completion import methods
-from learning.completion.method import Completed, complete
+from learning.completion.frame import Image
+from learning.completion.method import complete
 from learning.completion.pairs import Pair, Picture, pairs
-from sim import capture, capture_info, png, progress, record
+from sim import capture, capture_info, png, progress, record, scene_file
+from sim.capture import CapturedScene
 from sim.capture_info import CaptureInfo
 from sim.depth import to_code
 from sim.output import RECORD, Folder, OutputFolder, refuse_own_input
+from sim.scenes import known
 
+_OF_DEPTH = ("depth.png", "depth_colour.png", "sigma.png", "reason.png", "frame.exr")
+_WRITTEN = {*_OF_DEPTH, "frame.json", scene_file.FILE}
 _SAME_VIEW = ((1.0, 0, 0, 0), (0, 1.0, 0, 0), (0, 0, 1.0, 0), (0, 0, 0, 1.0))
 
 
@@ -32,8 +39,9 @@ def complete_captures(
     """Complete every frame of a capture set, or of one scene.
 
     The set that is written is like the one read: `depth.png` completed, `sigma.png` its expected
-    error in the same steps where the method tells one, the infrared image or `rgb.png` it went by,
-    `truth.png` where there is one. Depth is in the view of that picture.
+    error in the same steps where the method tells one, all else as it was but what tells of the old
+    depth (`reason.png`, `frame.exr`, `depth_colour.png`). A colour image is another view: there
+    depth, `rgb.png` and `truth.png` are brought into it, and nothing else is written.
 
     Args:
         captures: capture set, or one scene in it.
@@ -59,14 +67,21 @@ def complete_captures(
     arguments = {"captures": captures, "method": method, "picture": picture}
     with OutputFolder(out, force=force) as folder:
         folder.write(capture_info.FILE, capture_info.dumps(_info(given.info, picture)))
+        scenes = {scene.name: scene for scene in given.scenes}
         for one in pairs(given, picture, tell=tell, label="complete"):
             started = time.perf_counter()
             found = complete(ready, one.image, one.depth_m, one.valid)
             spent.append(time.perf_counter() - started)
             cannot += not np.isfinite(found.depth_m).any()
             before.append(float(1 - one.valid.mean()))
-            after.append(float(np.isnan(found.depth_m).mean()))
-            _write(folder, one, found, picture, given.info.depth_unit_m, method)
+            code = to_code(found.depth_m, given.info.depth_unit_m)
+            after.append(float((code == 0).mean()))
+            said = {"completed_by": method, "said": found.said}
+            if picture == "rgb":
+                _write_view(folder, one, given.info.depth_unit_m)
+            else:
+                said = {**_copied(folder, scenes[one.scene], one.number), **said}
+            _write(folder, one, code, found.sigma_m, given.info.depth_unit_m, said)
         figures = {
             "method": method,
             "frames": len(spent),
@@ -91,15 +106,40 @@ def _info(info: CaptureInfo, picture: Picture) -> CaptureInfo:
 
 
 def _write(
-    folder: Folder, one: Pair, found: Completed, picture: Picture, unit_m: float, method: str
+    folder: Folder,
+    one: Pair,
+    code: NDArray[np.uint16],
+    sigma_m: Image,
+    unit_m: float,
+    said: Mapping[str, Any],
 ) -> None:
     at = f"{one.scene}/{one.number}"
-    folder.write(f"{at}/depth.png", png.encode(to_code(found.depth_m, unit_m)))
-    if np.isfinite(found.sigma_m).any():
-        folder.write(f"{at}/sigma.png", png.encode(to_code(found.sigma_m, unit_m)))
+    folder.write(f"{at}/depth.png", png.encode(code))
+    if np.isfinite(sigma_m).any():
+        least = np.maximum(sigma_m, np.float32(unit_m))  # 0 says that it is not known.
+        folder.write(f"{at}/sigma.png", png.encode(to_code(least, unit_m)))
+    folder.write(f"{at}/frame.json", record.dumps(said))
+
+
+def _write_view(folder: Folder, one: Pair, unit_m: float) -> None:
+    """What belongs to a frame in the colour camera's view."""
     encode = png.encode_colour if one.image.ndim == 3 else png.encode
-    folder.write(f"{at}/{picture}.png", encode(one.image))
-    folder.write(f"{at}/frame.json", record.dumps({"completed_by": method, "said": found.said}))
+    folder.write(f"{one.scene}/{one.number}/rgb.png", encode(one.image))
     folder.write(f"{one.scene}/room", one.room + "\n")
     if one.truth_m is not None:
         folder.write(f"{one.scene}/truth.png", png.encode(to_code(one.truth_m, unit_m)))
+
+
+def _copied(folder: OutputFolder, scene: CapturedScene, number: int) -> dict[str, Any]:
+    """Copy what does not tell of depth, and pass on the frame's record."""
+    frame = scene.path / str(number)
+    for path in (*scene.path.iterdir(), *frame.iterdir()):
+        if path.is_file() and path.name not in _WRITTEN:
+            name = path.relative_to(scene.path).as_posix()
+            folder.write(f"{scene.name}/{name}", path.read_bytes())
+    folder.write(f"{scene.name}/room", scene.room + "\n")
+    seen = known.carried(scene, folder.path / scene.name)
+    if seen is not None:
+        folder.write(f"{scene.name}/{scene_file.FILE}", scene_file.dumps(seen))
+    told = scene.record(number)
+    return {name: value for name, value in told.items() if name != "reasons"}

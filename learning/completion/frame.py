@@ -41,7 +41,8 @@ def checked(rgb: NDArray[Any] | None, depth_m: NDArray[Any], valid: NDArray[Any]
 
     Raises:
         InputError: if there is no image, shapes differ, depth is no number above zero where it is
-            valid, seems to be in millimetres, or the image's values are out of range.
+            valid, seems to be in millimetres, or the image is empty, of another type, or its values
+            are out of range.
     """
     if rgb is None:
         advice = "Give the image that the depth is registered to; an infrared one will do."
@@ -70,7 +71,13 @@ def checked(rgb: NDArray[Any] | None, depth_m: NDArray[Any], valid: NDArray[Any]
 
 def _unit(rgb: NDArray[Any]) -> Image:
     """Three channels 0..1."""
-    scale = np.iinfo(rgb.dtype).max if np.issubdtype(rgb.dtype, np.integer) else 1
+    if not rgb.size:
+        raise refuse("rgb", "must have pixels", rgb.shape, "Give the frame's own image.")
+    whole = rgb.dtype in (np.uint8, np.uint16)
+    if not whole and not np.issubdtype(rgb.dtype, np.floating):
+        advice = "Say of how many bits it is by its type."
+        raise refuse("rgb", "must be uint8, uint16 or floating point", rgb.dtype, advice)
+    scale = np.iinfo(rgb.dtype).max if whole else 1
     image = rgb.astype(np.float32) / np.float32(scale)
     if not (np.isfinite(image).all() and image.min() >= 0 and image.max() <= 1):
         got = f"{np.min(image):g} to {np.max(image):g}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,12 @@ import numpy as np
 
 from learning import captured
 from learning.completion import judged_pictures, methods
+from learning.completion.frame import Image, Mask
+from learning.completion.learnt_from import learnt_from
 from learning.completion.method import Method, complete
 from learning.completion.metrics import Figures, Score, Sums, averaged, pooled, score
 from learning.completion.pairs import Pair, Picture, pairs
-from learning.figures.bootstrap import paired_difference
+from learning.figures.bootstrap import paired_share
 from patterns.errors import refuse
 from sim import capture, progress, record
 from sim.output import RECORD, OutputFolder, refuse_own_input
@@ -49,10 +52,12 @@ def judge_captures(
     Returns:
         `{"methods": {WORD: {"all", "hole", "valid", "edge", "reasons"}}, "pooled": the same of all
         pixels alike, "rooms": {WORD: {ROOM: ...}}, "gains": {WORD: {REGION: {FIGURE: ...}}},
-        "seconds_a_frame": {WORD: ...}, "out", "frames", "seconds"}`. `methods` are means over
-        rooms, each of whose pixels count alike; `sensor` is the camera's own depth. A gain is what
-        share of the error of the best method that learns nothing a learnt one takes away, mean
-        over rooms over the mean of that method, with a 95 % interval over rooms.
+        "learnt_from": {WORD: [ROOM, ...]}, "seconds_a_frame": {WORD: ...}, "out", "frames",
+        "seconds"}`. `methods` are means over rooms, each of whose pixels count alike; `sensor` is
+        the camera's own depth. A gain is what share of the error of the best method that learns
+        nothing a learnt one takes away, means over rooms, with a 95 % interval over rooms; of
+        pixels that all methods have depth of. `learnt_from` are rooms that a method has learnt
+        from, as far as its folder tells: judging there flatters it.
 
     Raises:
         InputError: whatever is wrong with the captures, the methods or the folder.
@@ -65,37 +70,42 @@ def judge_captures(
         raise refuse("methods", "must be at least one", "none", f"Of {', '.join(methods.NAMES)}.")
     ready = {word: methods.asked(word) for word in dict.fromkeys(words)}
     scores: dict[str, dict[str, list[Score]]] = {word: {} for word in (_GIVEN, *ready)}
+    common: dict[str, dict[str, list[Score]]] = {word: {} for word in ready}
     spent: dict[str, list[float]] = {word: [] for word in ready}
     worst = judged_pictures.Worst()
     for one in pairs(opened, picture, rooms=rooms, tell=tell, label="judge"):
         truth_m = one.truth()
         told = {_GIVEN: one.depth_m, **_told(ready, one, spent)}
+        judge = partial(score, valid=one.valid, focal_baseline_px_m=one.focal_baseline_px_m)
         causes = one.causes()
+        answered = np.all([_depth(told[word]) for word in ready], axis=0)
         for word, depth_m in told.items():
-            found = score(
-                depth_m,
-                truth_m,
-                one.valid,
-                focal_baseline_px_m=one.focal_baseline_px_m,
-                causes=causes,
-            )
+            found = judge(depth_m, truth_m, causes=causes)
             scores[word].setdefault(one.room, []).append(found)
+            if word in common:
+                if not answered.all():
+                    found = judge(depth_m, np.where(answered, truth_m, np.float32(np.nan)))
+                common[word].setdefault(one.room, []).append(found)
         worst.see(one, told)
-    by_room = {
-        word: {room: pooled(each) for room, each in rooms_.items()}
-        for word, rooms_ in scores.items()
-    }
+    by_room, alike = _by_room(scores), _by_room(common)
     figures = {
         "methods": {word: _averaged(list(of.values())) for word, of in by_room.items()},
         "pooled": {word: pooled(of.values()).figures() for word, of in by_room.items()},
         "rooms": {
             word: {room: one.figures() for room, one in of.items()} for word, of in by_room.items()
         },
-        "gains": _gains(by_room, seed),
+        "gains": _gains(alike, seed),
+        "learnt_from": {word: learnt_from(word, captures, list(by_room[word])) for word in ready},
         "seconds_a_frame": {word: float(np.median(one)) for word, one in spent.items()},
         "frames": sum(map(len, scores[_GIVEN].values())),
     }
-    asked = {"captures": captures, "methods": list(words), "picture": picture, "rooms": rooms}
+    asked = {
+        "captures": captures,
+        "methods": list(words),
+        "picture": picture,
+        "rooms": rooms,
+        "seed": seed,
+    }
     with OutputFolder(out, force=force) as folder:
         folder.write("worst.png", worst.drawn())
         kept = {"verb": "evaluate completion", "arguments": asked, "versions": record.versions()}
@@ -112,6 +122,16 @@ def _told(
         found[word] = complete(method, one.image, one.depth_m, one.valid).depth_m
         spent[word].append(time.perf_counter() - started)
     return found
+
+
+def _depth(depth_m: Image) -> Mask:
+    return np.isfinite(depth_m) & (depth_m > 0)
+
+
+def _by_room(scores: Mapping[str, Mapping[str, Sequence[Score]]]) -> dict[str, dict[str, Score]]:
+    return {
+        word: {room: pooled(each) for room, each in rooms.items()} for word, rooms in scores.items()
+    }
 
 
 def _averaged(rooms: Sequence[Score]) -> dict[str, Any]:
@@ -131,7 +151,7 @@ _REGIONS = ("all", "hole", "valid", "edge")
 def _gains(by_room: Mapping[str, Mapping[str, Score]], seed: int) -> dict[str, Any]:
     """Learnt methods beside the best that learns nothing, region by region, error by error."""
     plain = [word for word in by_room if word in methods.CLASSICAL]
-    learnt = [word for word in by_room if word not in (*plain, _GIVEN)]
+    learnt = [word for word in by_room if word not in plain]
     if not plain or len(next(iter(by_room.values()))) < 2:
         return {}
     return {
@@ -162,19 +182,16 @@ def _gain(
 
     best = min(plain, key=lambda method: np.mean(list(errors_of(method).values())))
     theirs, own = errors_of(best), errors_of(word)
-    both = [room for room in theirs if room in own]
+    both = [room for room, error in theirs.items() if room in own and error > 0]
     if len(both) < 2:
         return None
-    mean = float(np.mean([theirs[room] for room in both]))
-    if mean == 0:
-        return None
-    less = paired_difference(
+    less = paired_share(
         [theirs[room] for room in both], [own[room] for room in both], both, seed=seed
     )
     return {
         "best": best,
-        "gain_pct": 100 * less.mean / mean,
-        "interval": [100 * less.low / mean, 100 * less.high / mean],
-        "rooms_better": less.above,
+        "gain_pct": 100 * less.share,
+        "interval": [100 * less.low, 100 * less.high],
+        "rooms_better": less.less,
         "rooms": less.rooms,
     }

@@ -29,9 +29,11 @@ class Worst:
 
     def see(self, one: Pair, told: Mapping[str, Image]) -> None:
         """Look at a frame and what methods made of it; all of one shape."""
-        off = np.abs(list(told.values())[-1] - one.truth())[~one.valid]
+        asked = ~one.valid & np.isfinite(one.truth())
+        off = np.abs(list(told.values())[-1] - one.truth())[asked]
         known = off[np.isfinite(off)]
-        self.kept.append((float(known.mean()) if known.size else 0.0, one, told))
+        missed = np.inf if off.size else 0.0  # No depth where it is asked for is worse than any.
+        self.kept.append((float(known.mean()) if known.size else missed, one, told))
         self.kept.sort(key=lambda row: -row[0])
         del self.kept[_SHOWN:]
 

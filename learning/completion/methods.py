@@ -54,4 +54,5 @@ def asked(word: str) -> Method:
     try:
         return import_module(f"learning.completion.{_LEARNT[name]}").load(weights)
     except ModuleNotFoundError as error:
-        raise errors.needs(name, str(error.name), "completion") from error
+        extra = "learning" if name == "small" else "completion"
+        raise errors.needs(name, str(error.name), extra) from error

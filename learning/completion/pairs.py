@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -23,7 +24,7 @@ from learning.example import Example
 from learning.geometry.filled import filled
 from learning.hole_kinds import hole_kinds
 from patterns.errors import InputError, one_of, refuse
-from sim import exr, progress
+from sim import exr, png, progress
 from sim.capture import CapturedScene, CaptureSet
 from sim.capture_info import CaptureInfo
 from sim.pinhole import Pinhole
@@ -94,8 +95,10 @@ def pairs(
         label: what is done with them.
 
     Raises:
-        InputError: if a room is unknown, or as `pair`.
+        InputError: if a room is unknown or none is named, or as `pair`.
     """
+    if rooms is not None and not rooms:
+        raise refuse("rooms", "must be at least one", "none", "Name some, or leave --rooms out.")
     captured.check_rooms(captures, rooms or ())
     wanted = [scene for scene in captures.scenes if rooms is None or scene.room in rooms]
     frames = [(scene, number) for scene in wanted for number in scene.frames]
@@ -106,10 +109,10 @@ def pairs(
 def pair(scene: CapturedScene, number: int, picture: Picture) -> Pair:
     """Read one frame; each of its holes has one cause, found when it is asked for.
 
-    Holes of a simulated camera, with its `frame.exr`, come with their reasons. A real camera gives
-    none: its holes are sorted by what the reference depth has around them, where there is one:
-    first those whose match would lie left of the right image (`outside_overlap`), then the kinds
-    of `learning.hole_kinds`. Else, and in a colour image, all are `unknown`.
+    Holes of a simulated camera, with `reason.png` or `frame.exr`, come with their reasons. A real
+    camera gives none: its holes are sorted by what the reference depth has around them, where there
+    is one: first those whose match would lie left of the right image (`outside_overlap`), then the
+    kinds of `learning.hole_kinds`. Else, and in a colour image, all are `unknown`.
 
     Args:
         scene: of a capture set.
@@ -189,12 +192,25 @@ def _colour_view(info: CaptureInfo) -> Sensor | None:
 def _reason(scene: CapturedScene, number: int, depth_m: Image) -> NDArray[np.uint32]:
     """Why a pixel has no depth, (h, w) codes of `sim.reason`."""
     reason = _unknown(depth_m)
-    path = scene.path / str(number) / "frame.exr"
-    if path.exists():
-        told = exr.read(path)[1].reason
+    told = _told(scene.path / str(number), reason.shape)
+    if told is not None:
         # Depth beyond the 16-bit code is a hole on disk alone.
         reason = np.where((reason > 0) & (told > 0), told, reason)
     return reason
+
+
+def _told(frame: Path, shape: tuple[int, ...]) -> NDArray[np.unsignedinteger] | None:
+    """Reasons that a simulated frame comes with."""
+    path = frame / "reason.png"
+    if path.exists():
+        told = png.read(path, "reason")
+        if told.shape != shape or told.max() > max(Reason):
+            got = f"{path}, {told.shape} up to {told.max()}"
+            rule = f"must be of the depth's size, with codes up to {max(Reason):d}"
+            raise refuse("reason", rule, got, "Leave the file out, or make it anew.")
+        return told
+    path = frame / "frame.exr"
+    return exr.read(path)[1].reason if path.exists() else None
 
 
 def _unknown(depth_m: Image) -> NDArray[np.uint32]:

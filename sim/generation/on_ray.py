@@ -89,6 +89,5 @@ def _ray() -> Any:
     try:
         import ray
     except ImportError as error:
-        remedy = "Install it: pip install 'starling-depth[ray]'."
-        raise errors.refuse("ray", "must be installed", "none", remedy) from error
+        raise errors.needs("cluster", "ray", "ray") from error
     return ray

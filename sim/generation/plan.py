@@ -16,7 +16,7 @@ from sim.generation.source import Source
 from sim.generation.source import read as read_source
 from sim.generation.table import refuse_unknown, text, weight
 
-Layer = Literal["infrared", "truth", "rgb", "exr"]  # Depth is always kept.
+Layer = Literal["infrared", "truth", "reason", "rgb", "exr"]  # Depth is always kept.
 Missing = Literal["stop", "skip"]
 
 LAYERS: tuple[Layer, ...] = get_args(Layer)

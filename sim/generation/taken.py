@@ -144,6 +144,7 @@ def _write_frame(
         depth_unit_m=sensor.post.depth_unit_m,
         infrared=(shot.ir_left, shot.ir_right) if "infrared" in plan.layers else None,
         colour=rgb(scene, sensor) if repeat == 0 and "rgb" in plan.layers else None,
+        reasons="reason" in plan.layers,
         layers=shot.layers if "exr" in plan.layers else None,
         facts={
             **facts(shot, sensor),

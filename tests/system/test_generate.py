@@ -22,10 +22,11 @@ import trimesh
 
 import starling
 from patterns.errors import InputError
-from sim import capture
+from sim import capture, exr, png
 from sim.generation import index, on_ray, set_folder, shard
 from sim.generation.generate import generate
 from sim.generation.verify import verify
+from sim.reason import Reason
 
 ROOT = Path(__file__).parents[2]
 SIZE = {"width": 96, "height": 64, "cx_px": 47.5, "cy_px": 31.5, "fx_px": 50.0, "fy_px": 50.0}
@@ -104,6 +105,25 @@ def test_a_set_is_read_as_captures_are(whole: Path):
         assert first is not None and second is not None and (first != second).any()
         error = scene.info.disparity_px(frame.depth_m) - scene.info.disparity_px(truth)
         assert np.nanmedian(np.abs(error)) < 1  # Dots of half a pixel tell no better.
+
+
+def test_layers_that_are_kept_change_nothing_else(tmp_path: Path):
+    """Reasons in an image of their own are those of `frame.exr`, and counted in `frame.json`."""
+    few = {"scenes": 1, "views": 1, "frames": 1}
+    kept = write(tmp_path / "kept", **few, layers=["infrared", "truth", "reason", "rgb", "exr"])
+    for one, out in ((write(tmp_path / "plain", **few), "without"), (kept, "with")):
+        generate(one, tmp_path / out)
+    (scene,) = capture.open_set(tmp_path / "with").scenes
+    frame = scene.path / "0"
+    reason = png.read(frame / "reason.png", "reason")
+    np.testing.assert_array_equal(reason, exr.read(frame / "frame.exr")[1].reason)
+    counts = scene.record(0)["reasons"]
+    assert counts == {
+        Reason(code).name.lower(): int((reason == code).sum()) for code in np.unique(reason)
+    }
+    depth = (frame / "depth.png").read_bytes()
+    assert depth == (tmp_path / "without" / scene.name / "0" / "depth.png").read_bytes()
+    assert cv2.imread(str(frame / "rgb.png")) is not None
 
 
 def test_objects_are_where_they_are_said_to_be(plan: Path, whole: Path):
@@ -314,11 +334,11 @@ def test_verify_finds_what_is_lost_doubled_or_changed(
 def test_without_pyarrow_or_ray_it_is_said_what_to_install(monkeypatch: Any, tmp_path: Path):
     for name in ("pyarrow", "ray"):
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(InputError, match=r"index needs pyarrow.*starling-depth\[data\]"):
+    with pytest.raises(InputError, match=r"index needs pyarrow.*pip install -e '\.\[data\]'"):
         index.read(tmp_path)
     with pytest.raises(InputError, match="index needs pyarrow"):
         generate(write(tmp_path), tmp_path / "set", workers=1)
-    with pytest.raises(InputError, match=r"ray must be installed.*starling-depth\[ray\]"):
+    with pytest.raises(InputError, match=r"cluster needs ray.*pip install -e '\.\[ray\]'"):
         on_ray._ray()
 
 

@@ -27,6 +27,8 @@ _GAMMA = (0.6, 1.6)  # Of the image: other cameras' curves, and infrared beside 
 _LEAST = 0.2  # Share of a crop that must have depth; else another place is drawn,
 _TRIES = 10  # so often.
 
+Window = tuple[slice, slice]
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Sample:
@@ -60,6 +62,12 @@ class Crops:
     def __post_init__(self) -> None:
         if not self.samples:
             raise refuse("frames", "must be at least one", 0, "Give captures with truth.png.")
+        sizes = {one.depth_m.shape for one in self.samples}
+        least = tuple(min(side) for side in zip(*sizes, strict=True))
+        cut = tuple(map(min, least, self.settings.crop_px))
+        if len(sizes) > 1 and cut != self.settings.crop_px:
+            rule = "must be of one size where some are smaller than a crop"
+            raise refuse("frames", rule, sorted(sizes), "Leave out the smaller ones.")
 
     @property
     def identity(self) -> str:
@@ -86,15 +94,9 @@ class Crops:
         height, width = sample.depth_m.shape
         rows, columns = self.settings.crop_px
         step = 2 if rng.random() < _HALVED and height >= 2 * rows and width >= 2 * columns else 1
-        rows, columns = min(step * rows, height), min(step * columns, width)
-        for _ in range(_TRIES):
-            top, left = _begun(rng, height, rows), _begun(rng, width, columns)
-            window = slice(top, top + rows), slice(left, left + columns)
-            valid = np.isfinite(sample.depth_m[window])
-            if valid.mean() > _LEAST:
-                break
-        else:
-            window = slice(None), slice(None)  # Holes almost everywhere: the frame whole.
+        window = _tried(sample.depth_m, (step * rows, step * columns), step, rng)
+        if window is None:
+            step, window = 1, _around(sample.depth_m, (rows, columns))
         truth_m = sample.truth_m[window]
         depth_m = with_false_islands(sample.depth_m[window], truth_m, rng)[::step, ::step]
         image = _smaller(sample.image[window], step)
@@ -103,6 +105,45 @@ class Crops:
         rgb = frame.rgb ** np.float32(rng.uniform(*_GAMMA))
         found = seen(dataclasses.replace(frame, rgb=rgb))
         return found, np.log(truth_m[::step, ::step] / np.float32(found.median_m))
+
+
+def _tried(
+    depth_m: Image, shape: tuple[int, int], step: int, rng: np.random.Generator
+) -> Window | None:
+    """A place of a crop that has depth enough; the best tried of a frame that hardly has any, and
+    None where that is none at all.
+    """
+    best, most = None, 0.0
+    for _ in range(_TRIES):
+        window = _window(
+            [
+                _begun(rng, whole, min(part, whole))
+                for whole, part in zip(depth_m.shape, shape, strict=True)
+            ],
+            shape,
+        )
+        known = np.isfinite(depth_m[window])
+        share = float(known.mean())
+        if share > most and known[::step, ::step].any():
+            best, most = window, share
+        if share > _LEAST:
+            break
+    return best
+
+
+def _around(depth_m: Image, shape: tuple[int, int]) -> Window:
+    """The place of a crop that has the first pixel with depth in its middle, or near it."""
+    at = np.argwhere(np.isfinite(depth_m))[0]
+    begun = [
+        int(np.clip(one - part // 2, 0, max(whole - part, 0)))
+        for one, part, whole in zip(at, shape, depth_m.shape, strict=True)
+    ]
+    return _window(begun, shape)
+
+
+def _window(begun: Sequence[int], shape: tuple[int, int]) -> Window:
+    rows, columns = (slice(at, at + part) for at, part in zip(begun, shape, strict=True))
+    return rows, columns
 
 
 def _begun(rng: np.random.Generator, whole: int, part: int) -> int:

@@ -1,8 +1,8 @@
 """Holes that know nothing of light or geometry, as completion is commonly trained on.
 
-The control that shows what simulated holes are worth: the camera's own noise stays, its holes are
-closed with the truth, and as large a share is taken out again by lot, half as rectangles and half
-pixel by pixel.
+The control that shows what simulated holes are worth: the camera's own noise stays where it has
+depth, its holes are closed with the truth, which has none, and as large a share is taken out again
+by lot, half as rectangles and half pixel by pixel.
 """
 
 from __future__ import annotations
@@ -32,11 +32,13 @@ def with_random_holes(sample: Sample, seed: int, number: int) -> Sample:
     height, width = closed.shape
     out = rng.random(closed.shape) < _SINGLE * share
     wanted = share * closed.size
-    while np.count_nonzero(out) < wanted:
+    while (missing := int(wanted) - np.count_nonzero(out)) > 0:
         rows = int(height * rng.uniform(*_SIDES)) + 1
         columns = int(width * rng.uniform(*_SIDES)) + 1
         top = int(rng.integers(height - rows + 1))
         left = int(rng.integers(width - columns + 1))
-        out[top : top + rows, left : left + columns] = True
+        block = np.zeros_like(out)
+        block[top : top + rows, left : left + columns] = True
+        out.flat[np.flatnonzero(block & ~out)[:missing]] = True  # The last one is cut to size.
     depth_m = np.where(out, np.float32(np.nan), closed).astype(np.float32)
     return dataclasses.replace(sample, depth_m=depth_m)

@@ -53,6 +53,13 @@ def test_what_stands_in_holes_does_not_matter() -> None:
         ),
         (GREY[:2], DEPTH, VALID, "rgb and depth_m must have one size; got (2, 4) and (3, 4). "),
         (np.zeros((3, 4, 4)), DEPTH, VALID, "rgb must be (h, w, 3) or (h, w); got (3, 4, 4). "),
+        (
+            GREY.astype(np.int64),
+            DEPTH,
+            VALID,
+            "rgb must be uint8, uint16 or floating point; got int64. ",
+        ),
+        (GREY[:0], DEPTH[:0], VALID[:0], "rgb must have pixels; got (0, 4). "),
         (GREY * 1.0, DEPTH, VALID, "rgb must be 0..1 in floating point; got 128 to 128. "),
         (GREY, -DEPTH, VALID, "depth_m must be finite and > 0 where valid; got -0.5. "),
         (GREY, DEPTH * np.nan, VALID, "depth_m must be finite and > 0 where valid; got nan. "),

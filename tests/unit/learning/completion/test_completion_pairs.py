@@ -124,6 +124,19 @@ def test_a_simulated_camera_s_holes_have_their_reasons(made: Path) -> None:
     np.testing.assert_array_equal(one.causes()["shadowed"], reason == Reason.SHADOWED)
 
 
+def test_reasons_may_stand_in_an_image_of_their_own(made: Path) -> None:
+    reason = simulated(made / "attic-view")
+    folder = made / "attic-view" / "0"
+    (folder / "frame.exr").unlink()
+    (folder / "reason.png").write_bytes(png.encode(reason.astype(np.uint8)))
+    scene = capture.open_set(made).scenes[0]
+    assert list(pair(scene, 0, "ir_left").causes()) == ["shadowed", "low_signal"]
+    for wrong in (np.full(SHAPE, 99, np.uint8), np.zeros((3, 4), np.uint8)):
+        (folder / "reason.png").write_bytes(png.encode(wrong))
+        with pytest.raises(InputError, match="reason must be of the depth's size, with codes up"):
+            pair(scene, 0, "ir_left")
+
+
 def test_a_colour_image_of_the_left_imager_s_own_view_needs_nothing(made: Path) -> None:
     image = colour_at(made, 0.0)
     scene = capture.open_set(made).scenes[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -11,16 +12,22 @@ import pytest
 
 import starling
 from learning.completion import methods
+from learning.completion.frame import Frame
+from learning.completion.learnt_from import learnt_from
+from learning.completion.method import Completed
 from learning.completion.small import small
 from learning.completion.small.network import SmallNetwork
 from learning.completion.small.small import Small
 from learning.training.learner import initialised
 from patterns.errors import InputError
-from sim import capture, png
+from sim import capture, capture_info, png
 from tests.unit.command_line import Capsys, refused
 from tests.unit.learning import capture_sets
 
 CAUSES = "reasons"
+KNOWN = """scene = "wall"
+left_from_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]]
+"""
 
 
 def ran(capsys: Capsys, *arguments: object) -> dict[str, Any]:
@@ -43,6 +50,12 @@ def model(tmp_path: Path) -> Path:
 
 
 def test_every_frame_is_completed(captures: Path, tmp_path: Path, capsys: Capsys):
+    label = png.encode(np.ones(capture_sets.SHAPE, np.uint8))
+    for scene in capture.open_set(captures).scenes:
+        (scene.path / "label.png").write_bytes(label)
+        (scene.path / "0" / "reason.png").write_bytes(label)
+        (scene.path / "0" / "frame.json").write_text('{"timestamp": 7, "reasons": {"valid": 1}}')
+        (scene.path / "scene.toml").write_text(KNOWN)
     told = ran(capsys, "complete", captures, "--method", "poisson", "--out", tmp_path / "out")
     assert told["frames"] == 4 and told["holes_before"] > 0 and told["holes_after"] == 0
     before, after = (capture.open_set(path).scenes for path in (captures, tmp_path / "out"))
@@ -55,7 +68,11 @@ def test_every_frame_is_completed(captures: Path, tmp_path: Path, capsys: Capsys
         assert np.isfinite(found.depth_m).all()
         np.testing.assert_array_equal(found.ir_left, given.ir_left)
         np.testing.assert_array_equal(one.truth_m(), other.truth_m())
-        assert found.record["completed_by"] == "poisson"
+        assert found.record["completed_by"] == "poisson" and found.record["timestamp"] == 7
+        assert "reasons" not in found.record and not (other.path / "0" / "reason.png").exists()
+        np.testing.assert_array_equal(found.ir_right, given.ir_right)
+        np.testing.assert_array_equal(other.label(), one.label())
+        assert other.known() == one.known()
         assert not (other.path / "0" / "sigma.png").exists()  # It tells none.
 
 
@@ -104,6 +121,71 @@ def test_trained_and_judged(captures: Path, tmp_path: Path, capsys: Capsys):
     assert (out / "worst.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_depth_that_a_code_cannot_hold_is_a_hole_still(captures: Path, tmp_path: Path, capsys):
+    """In steps of 5 um, 16 bits end at 0.33 m, nearer than some of what is filled in."""
+    info = captures / "capture.toml"
+    fine = dataclasses.replace(capture.open_set(captures).info, depth_unit_m=5e-6)
+    info.write_text(capture_info.dumps(fine))
+    for scene in capture.open_set(captures).scenes:
+        code = np.linspace(20_000, 65_535, int(np.prod(capture_sets.SHAPE))).astype(np.uint16)
+        code = code.reshape(capture_sets.SHAPE)
+        code[:, -9:] = 0
+        (scene.path / "0" / "depth.png").write_bytes(png.encode(code))
+    told = ran(capsys, "complete", captures, "--method", "poisson", "--out", tmp_path / "out")
+    scenes = capture.open_set(tmp_path / "out").scenes
+    holes = [float(np.isnan(one.frame(0).depth_m).mean()) for one in scenes]
+    assert told["holes_after"] == pytest.approx(np.mean(holes))
+
+
+def test_gains_count_pixels_that_all_methods_have_depth_of(
+    captures: Path, model: Path, tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
+):
+    """A method that leaves out what is hard is not better for it, and its picture is the worst."""
+    plain = methods.asked("nearest")
+
+    class Timid:
+        name = "timid"
+
+        def fill(self, frame: Frame) -> Completed:
+            told = plain.fill(frame)
+            depth_m = told.depth_m.copy()
+            depth_m[:, 20:] = np.nan
+            return Completed(depth_m=depth_m, sigma_m=told.sigma_m)
+
+    asked = methods.asked
+    monkeypatch.setattr(
+        methods, "asked", lambda word: Timid() if word.startswith("small") else asked(word)
+    )
+    words = ("nearest", f"small={model}")
+    out = tmp_path / "out"
+    figures = ran(capsys, "evaluate", "completion", captures, "--methods", *words, "--out", out)
+    assert figures["methods"][words[1]]["hole"]["missing"] > 0
+    gain = figures["gains"][words[1]]["hole"]["mae_m"]
+    assert gain["gain_pct"] == 0 and gain["interval"] == [0, 0]
+    record = json.loads((out / "starling.json").read_text())
+    assert record["arguments"]["seed"] == 0
+
+
+def test_rooms_that_a_method_has_learnt_from_are_told(
+    captures: Path, tmp_path: Path, capsys: Capsys
+):
+    model = tmp_path / "trained"
+    rooms = ("--rooms", "attic", "cellar")
+    ran(capsys, "train", "completion", captures, "--out", model, "--steps", 1, *rooms)
+    words = ("nearest", f"small={model}", "small")
+    out = ("--out", tmp_path / "judged")
+    figures = ran(capsys, "evaluate", "completion", captures, "--methods", *words, *out)
+    assert figures["learnt_from"] == {
+        "nearest": [],
+        words[1]: ["attic", "cellar"],
+        "small": [],
+    }
+    assert learnt_from(words[1], str(tmp_path), ["attic"]) == []
+    assert learnt_from(f"diffusion={model}/weights", str(captures), ["attic"]) == ["attic"]
+    (model / "starling.json").write_text("[]")
+    assert learnt_from(words[1], str(captures), ["attic"]) == []
+
+
 def test_random_holes_are_learnt_as_a_control(captures: Path, tmp_path: Path, capsys: Capsys):
     flags = ("--steps", 1, "--holes", "random")
     told = ran(capsys, "train", "completion", captures, "--out", tmp_path / "control", *flags)
@@ -134,7 +216,7 @@ def test_packages_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch):
         raise ModuleNotFoundError("gone", name="diffusers")
 
     monkeypatch.setattr(methods, "import_module", absent)
-    with pytest.raises(InputError, match=r"marigold needs diffusers; got none\. Install it: pip"):
+    with pytest.raises(InputError, match=r"marigold needs diffusers; got none\. .*\[completion\]'"):
         methods.asked("marigold=somewhere")
 
 
@@ -142,6 +224,7 @@ def test_what_cannot_be_learnt_from_or_judged(captures: Path, tmp_path: Path, ca
     out = ("--out", tmp_path / "out")
     judged = ("evaluate", "completion", captures, *out, "--methods", "nearest")
     assert "room" in refused(*judged, "--rooms", "loft", capsys=capsys)
+    assert "rooms must be at least one; got none" in refused(*judged, "--rooms", capsys=capsys)
     (captures / "study-view" / "truth.png").unlink()
     for words in (judged, ("train", "completion", captures, *out)):
         assert "scene study-view must have truth.png; got none" in refused(*words, capsys=capsys)
