@@ -2,10 +2,10 @@
 
     python benchmarks/calibrate_photometry.py [SET/SCENE ...]
 
-Captures: $STARLING_CAPTURES, else ../shared/captures from the repository's root; every scene of
-d415-table and one of each room of d415-faro by default. The preset's pattern is not the device's:
-unless one is calibrated and given by --sensor, tiles' mean levels alone are fitted. Images with the
-emitter on and off are taken to be of one exposure, which the captures do not record.
+Captures: those in the folder $STARLING_CAPTURES; every scene of d415-table and one of each room of
+d415-faro by default. The preset's pattern is not the device's: unless one is calibrated and given
+by --sensor, tiles' mean levels alone are fitted. Images with the emitter on and off are taken to be
+of one exposure, which the captures do not record.
 """
 
 from __future__ import annotations
@@ -29,8 +29,6 @@ from calibration.photometry.photometry_fit import fit_photometry
 from sim import sensors
 from sim.capture import open_set
 from sim.imager.exposure import Exposure
-
-ROOT = Path(__file__).parents[1]
 
 
 def dot_contrast(image: NDArray, black_dn: float) -> float:
@@ -76,7 +74,7 @@ def main() -> None:
     parser.add_argument("scenes", nargs="*", help="SET/SCENE of the captures")
     parser.add_argument("--sensor", default="d415", help="preset or TOML file")
     arguments = parser.parse_args()
-    captures = Path(os.environ.get("STARLING_CAPTURES", ROOT.parent / "shared" / "captures"))
+    captures = Path(os.environ.get("STARLING_CAPTURES", ""))
     scenes = [captures / scene for scene in arguments.scenes]
     if not scenes:
         rooms = {scene.room: scene.path for scene in open_set(captures / "d415-faro").scenes}

@@ -2,9 +2,9 @@
 
     python benchmarks/device_presets.py [default high_accuracy ...] [--pictures FOLDER]
 
-Captures: $STARLING_CAPTURES, else ../shared/captures from the repository's root. No-depth pixels
-are compared on pixels of known truth right of column 128; agreement = ours against the device, off
-depth edges. Nothing was chosen by these figures; rooms are split as in docs/figures.md.
+Captures: `d415-faro` in the folder $STARLING_CAPTURES. No-depth pixels are compared on pixels of
+known truth right of column 128; agreement = ours against the device, off depth edges. Nothing was
+chosen by these figures; rooms are split as in docs/figures.md.
 """
 
 from __future__ import annotations

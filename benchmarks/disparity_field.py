@@ -9,7 +9,7 @@ rooms but one and judged there. What both depths share lies in the images, not i
 matcher.
 With --sensor: `starling calibrate --free warp` on all rooms but the held ones, and what is left
 there between captured and simulated pairs.
-Captures: $STARLING_CAPTURES, else ../shared/captures from the repository's root.
+Captures: `d415-faro` in the folder $STARLING_CAPTURES.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
     python benchmarks/match_faro.py d4xx fast
     python benchmarks/match_faro.py d4xx --border 0 3 5 7 9
 
-Captures: $STARLING_CAPTURES, else ../shared/captures from the repository's root. Errors against the
-laser scanner; agreement = ours against the device. Settings were chosen on the tuned rooms alone.
+Captures: `d415-faro` in the folder $STARLING_CAPTURES. Errors against the laser scanner; agreement
+= ours against the device. Settings were chosen on the tuned rooms alone.
 With --border: what the device has of what we find, by the match's column in the right image, and
 the overlap of both depths' holes in all columns by the border that is left out there.
 """
@@ -49,9 +49,7 @@ class Scene:
 
 def folder() -> Path:
     """Where the scenes are, if they are on this machine."""
-    root = os.environ.get("STARLING_CAPTURES")
-    captures = Path(root) if root else Path(__file__).parents[2] / "shared" / "captures"
-    return captures / "d415-faro"
+    return Path(os.environ.get("STARLING_CAPTURES", "")) / "d415-faro"
 
 
 def scenes(where: Path) -> Iterator[Scene]:

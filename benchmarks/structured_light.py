@@ -2,10 +2,9 @@
 
     python benchmarks/structured_light.py [--sensor kinect-v1]
 
-Captures: $STARLING_CAPTURES, else ../shared/captures from the repository's root. Each real table is
-a plane; the same plane is simulated and measured with the same function on the same part of the
-image. Whatever was chosen by looking at real frames was chosen on `learn*`; all had been looked at
-before.
+Captures: `kinect-v1-tables` in the folder $STARLING_CAPTURES. Each real table is a plane; the same
+plane is simulated and measured with the same function on the same part of the image. Whatever was
+chosen by looking at real frames was chosen on `learn*`; all had been looked at before.
 """
 
 from __future__ import annotations
@@ -48,9 +47,7 @@ Camera = Sensor | capture.CaptureInfo
 
 def folder() -> Path:
     """Where the frames are, if they are on this machine."""
-    root = os.environ.get("STARLING_CAPTURES")
-    captures = Path(root) if root else Path(__file__).parents[2] / "shared" / "captures"
-    return captures / "kinect-v1-tables"
+    return Path(os.environ.get("STARLING_CAPTURES", "")) / "kinect-v1-tables"
 
 
 def published_m(depth_m: float) -> float:

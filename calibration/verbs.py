@@ -23,7 +23,7 @@ def calibrate(
 ) -> None:
     """Fit a sensor to captures of known surfaces; writes a sensor file and a report beside it.
 
-    Example: starling calibrate captures/d415-faro --sensor d415 --free pattern --out my-d415.toml
+    Example: starling calibrate out/mine --sensor d415 --free pattern --out out/my-d415.toml
 
     Args:
         captures: capture set or one scene in it, with infrared, or with depth alone.

@@ -30,11 +30,12 @@ class Frames(Dataset[Sample]):
     """Frames of a data set by number.
 
     A sample has the images asked for as tensors, float32 (h, w) (`rgb` (3, h, w), 0..1; depth [m],
-    NaN = none; `label` int32), and `frame`, `scene`, `room`, `sensor`, `record`.
+    NaN = none; `label` int32), and `frame`, `scene`, `room`, `sensor`, `record`. The keys of
+    `record` differ from frame to frame: a loader's `collate_fn` must leave it out or list it.
 
     Example:
         >>> frames = Frames("out/set", ("ir_left", "depth_m"), rooms=train)  # doctest: +SKIP
-        >>> loader = torch.utils.data.DataLoader(frames, 8, num_workers=2)  # doctest: +SKIP
+        >>> loader = DataLoader(frames, 8, collate_fn=list)  # doctest: +SKIP
     """
 
     def __init__(

@@ -45,7 +45,9 @@ def train(
     pix2pix, cyclegan; trees_reflectance, network_reflectance and hybrid_reflectance see the
     smoothed infrared image as well.
 
-    Example: starling train hybrid captures/d415-faro --sensor my-d415.toml --out models/hybrid
+    Example: starling train hybrid out/real --sensor d435 --out out/hybrid
+
+    To fill depth instead: `starling train completion`.
 
     Args:
         method: what learns.
@@ -106,7 +108,9 @@ def evaluate(
 ) -> None:
     """Judge methods on rooms they have not learnt from; goes on where it was cut short.
 
-    Example: starling evaluate captures/d415-faro --methods trees network --out out/evaluation
+    Example: starling evaluate out/real --methods trees network --out out/evaluation
+
+    To fill depth instead: `starling evaluate completion`.
 
     Args:
         captures: capture set with reference depth (truth.png) and the device's own (depth.png).
@@ -174,10 +178,10 @@ def compare(
 ) -> None:
     """Compare simulated captures with real ones, or the holes that several methods draw.
 
-    Example: starling compare captures/d415-faro out/d415-faro --json
+    Example: starling compare out/check out/check-simulated --json
 
-    Example: starling compare captures/mine --methods physics models/hybrid --sensor my-d415.toml
-    --out methods.png
+    Example: starling compare out/real --methods physics out/hybrid --sensor d435
+    --out out/methods.png
 
     Args:
         real: capture set or one scene in it.

@@ -29,7 +29,7 @@ def needs(name: str, package: str, extra: str) -> InputError:
         package: that is not installed.
         extra: of this program, which brings it.
     """
-    remedy = f"Install it: pip install 'starling-depth[{extra}]'."
+    remedy = f"In the project's folder: pip install -e '.[{extra}]'."
     return refuse(name, f"needs {package}", "none", remedy)
 
 

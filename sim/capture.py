@@ -189,7 +189,7 @@ def open_set(path: Path | str) -> CaptureSet:
             scene holds no frame.
 
     Example:
-        >>> captures = open_set("captures/d415-faro")  # doctest: +SKIP
+        >>> captures = open_set("out/mine")  # doctest: +SKIP
         >>> captures.scenes[0].frame(0).ir_left.shape  # doctest: +SKIP
         (720, 1280)
     """

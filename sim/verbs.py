@@ -150,7 +150,7 @@ def match(
 ) -> None:
     """Match a capture's own infrared pair; compare with the device's depth and the truth.
 
-    Example: starling match captures/d415-faro --sensor d415 --setting fast
+    Example: starling match out/mine --sensor d415 --setting fast
 
     Args:
         captures: capture set or one scene in it.
@@ -197,7 +197,7 @@ def show(
 ) -> None:
     """Draw captures: infrared, depth, why depth is missing, error against truth.
 
-    Example: starling show captures/d415-faro/3617 out/d415-faro/3617 --out real_and_sim.png
+    Example: starling show out/check out/check-simulated --out out/check.png
 
     Args:
         captures: capture set or one scene in it.

@@ -18,12 +18,17 @@ settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
 @pytest.fixture(scope="session")
 def captures() -> Path:
-    """Folder of the real capture sets, which may not be redistributed."""
+    """Folder of the real capture sets, which may not be redistributed.
+
+    `STARLING_CAPTURES`, else a folder named captures beside the project that holds `d415-faro`.
+    """
     chosen = os.environ.get("STARLING_CAPTURES")
-    folder = Path(chosen) if chosen else ROOT.parent / "shared" / "captures"
-    if not folder.is_dir():
-        pytest.skip(f"no real captures at {folder}; set STARLING_CAPTURES to their folder")
-    return folder
+    if chosen and not Path(chosen).is_dir():
+        pytest.skip(f"no real captures at {chosen}; set STARLING_CAPTURES to their folder")
+    beside = sorted(path.parent for path in ROOT.parent.glob("*/captures/d415-faro"))
+    if not chosen and not beside:
+        pytest.skip("no real captures; set STARLING_CAPTURES to their folder")
+    return Path(chosen) if chosen else beside[0]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

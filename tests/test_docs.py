@@ -52,6 +52,23 @@ def test_tutorial_commands_run(page: Path, tmp_path: Path) -> None:
     assert blocks
     script = f'PATH="{program.parent}:$PATH"\n' + "\n".join(blocks)
     _run("sh", "-e", "-c", script, cwd=tmp_path)
+    for code in _blocks(page, "python"):
+        if "--8<--" not in code:  # Examples have tests of their own.
+            _run(sys.executable, "-c", code, cwd=tmp_path)
+
+
+def test_pages_write_to_folders_of_their_own() -> None:
+    """Pages are read in order, in one folder: what one has made no other may write into."""
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs" / "tutorial").glob("*.md"))]
+    written: dict[str, set[str]] = {}
+    for page in pages:
+        text = page.read_text("utf-8")
+        made = re.findall(r"(?:--out|cp -r .*|cat >) ([\w./$-]+)(?=[`\s])", text)
+        for target in made:
+            # `calibrate --out NAME.toml` makes the folder NAME too.
+            written.setdefault(target.removesuffix(".toml").rstrip("/"), set()).add(page.name)
+    assert {"out/first", "out/real", "out/cam", "plan"} <= written.keys()
+    assert {target: names for target, names in written.items() if len(names) > 1} == {}
 
 
 def test_conventions_list_every_reason() -> None:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from patterns.errors import refuse
+from patterns.errors import needs, refuse
 from sim.capture import CapturedScene
 from sim.capture_info import CaptureInfo
 from sim.depth import to_code
@@ -96,9 +96,7 @@ def _rosbags() -> tuple[Any, Any]:
     try:
         from rosbags import rosbag2, typesys
     except ImportError as error:
-        raise refuse(
-            "rosbags", "must be installed", "no such package", "pip install starling-depth[ros]"
-        ) from error
+        raise needs("bag", "rosbags", "ros") from error
     return rosbag2, typesys
 
 

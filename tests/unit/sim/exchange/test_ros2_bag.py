@@ -146,7 +146,7 @@ def test_without_the_package_it_says_what_to_install(
     small_set: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setitem(__import__("sys").modules, "rosbags", None)
-    with pytest.raises(InputError, match=r"rosbags must be installed; got no such package"):
+    with pytest.raises(InputError, match=r"bag needs rosbags; got none\. .*'\.\[ros\]'"):
         ros2_bag.export(capture.open_set(small_set).scenes, tmp_path / "bag")
 
 
