@@ -1,7 +1,8 @@
-"""What is read of captures that are diagnosed, and what of it is noise."""
+"""What is read of captures that are diagnosed, how their scenes are simulated, what would tell."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -12,6 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 from diagnosis import light_sets, moved, reading, subject
+from diagnosis.tell_apart import MENU, tell_apart
+from diagnosis.which.candidates import Arm
 from diagnosis.withheld import case, shoot
 from sim import capture, simulate, simulate_captures
 from sim.sensor_edits import with_values
@@ -144,3 +147,61 @@ def test_a_body_that_moved_is_noticed_in_depth_alone(place, tmp_path):
     half = np.arange(info.width) < info.width // 2
     apart = np.stack([np.where(half, 30.0, -1.0), np.where(half, -1.0, 30.0)])
     assert not read(np.repeat(apart[:, None], info.height, axis=1)).moved
+
+
+def test_what_is_learnt_from_are_the_holes_that_how_far_is_told_of(place):
+    finer = with_values(sensor(), [("imager.dropped_bits", 2)])
+    one = subject.subject(capture.open_set(place / "null").scenes[0], finer)
+    settings = {"interreflection": 0.0, "veil": 0.02}
+    images = [~np.isfinite(one.simulate(settings, seed=seed).ours_px[0]) for seed in (0, 1)]
+    np.testing.assert_array_equal(one.physics(settings, seeds=(0, 1)).ndp, np.mean(images, 0))
+    one.real = dataclasses.replace(one.real, device_px=one.real.ours_px)
+    own = [~np.isfinite(one.capture(settings, seed=seed).device_px[0]) for seed in (0, 1)]
+    np.testing.assert_array_equal(one.physics(settings, seeds=(0, 1)).ndp, np.mean(own, 0))
+
+
+def test_what_does_not_differ_is_rendered_once(place, monkeypatch):
+    scene = capture.open_set(place / "null").scenes[0]
+    one, fresh = (subject.subject(scene, sensor()) for _ in range(2))
+    count = []
+    render = simulate.rendered
+    monkeypatch.setattr(
+        simulate, "rendered", lambda *of, **how: count.append(1) or render(*of, **how)
+    )
+    one.simulate({"nir_reflectance": 0.5, "veil": 0.02}, seed=0)
+    again = one.simulate({"gamma": 1.2, "nir_reflectance": 0.5}, seed=1)
+    assert len(count) == 1
+    alone = fresh.simulate({"nir_reflectance": 0.5, "gamma": 1.2}, seed=1)
+    np.testing.assert_array_equal(again.left, alone.left)
+    brighter = one.simulate({"nir_reflectance": 1.5}, seed=1)
+    assert len(count) == 3 and brighter.left.mean() > again.left.mean()
+
+
+def test_a_capture_that_tells_is_found(place):
+    """Noise in electrons against light on the dark level: a lens cap takes the one away."""
+    scene = capture.open_set(place / "null").scenes[0]
+    one = subject.subject(scene, sensor())
+    menu = [proposal for proposal in MENU if proposal.cost == 1 and proposal.frames == 1]
+    told = tell_apart(one, {"vertical_offset": 0.5}, {"veil": 0.05}, Arm.IMAGE, menu=menu)
+    assert told[0].enough and told[0].deviations >= told[-1].deviations
+    same = tell_apart(one, {"veil": 0.05}, {"veil": 0.05}, Arm.IMAGE, menu=menu[:1])
+    assert same[0].deviations == pytest.approx(0) and not same[0].enough
+    assert tell_apart(one, {"veil": 0.05}, {"exposure": -1.0}, Arm.IMAGE, menu=menu[:1]) == []
+
+
+def test_at_a_wall_the_camera_moves_and_light_is_as_in_the_scene(place):
+    one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
+    wall = [each for each in MENU if "wall" in each.text]
+    assert tell_apart(one, {"sunlight": 5.0}, {}, Arm.IMAGE, menu=wall)[0].enough
+    moved = {"sunlight": 5.0, "model_shift": 0.002}  # Where the scene truly stands stays with it.
+    assert tell_apart(one, {"sunlight": 5.0}, moved, Arm.IMAGE, menu=wall)[0].deviations < 1e-9
+
+
+def test_what_a_capture_switches_off_no_rival_switches_on(place):  # Two powers look the same.
+    one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
+    dark = [each for each in MENU if "projector off" in each.text or "lens cap" in each.text]
+    rivals = ({"projector_power": 0.1}, {"projector_power": 0.2})
+    told = tell_apart(one, *rivals, Arm.IMAGE, menu=dark)
+    assert len(told) == 2 and all(each.deviations == 0 for each in told)
+    lit = [each for each in MENU if "lamp" in each.text]
+    assert tell_apart(one, *rivals, Arm.IMAGE, menu=lit)[0].deviations > 1

@@ -8,7 +8,7 @@ import pytest
 from diagnosis.report import sentences
 from diagnosis.which.left import alike, by_group, leads
 from diagnosis.which.likelihood import Likelihood, by_scene
-from tests.unit.diagnosis.test_report import NAMED, found
+from tests.unit.diagnosis.made_diagnosis import NAMED, found
 
 NAMES = ("level.x.left", "level.x.right", "dots.x.left", "dots.x.right", "holes", "time")
 

@@ -10,7 +10,7 @@ from diagnosis.howfar.residual import Absorption, Residual
 from diagnosis.report import figures
 from diagnosis.report.page import page
 from sim import record
-from tests.unit.diagnosis import test_report as made
+from tests.unit.diagnosis import made_diagnosis as made
 from tests.unit.diagnosis.read_page import Reader
 
 GAIN = Absorption(
