@@ -15,6 +15,14 @@ Seen = Annotated[
     arg(name="image", help="Image that goes with the depth; a colour image's view is taken."),
 ]
 
+Laid = Annotated[
+    Literal["captures", "irs", "vkitti2", "nyuv2"],
+    arg(
+        help="What it is: a capture set, or a public data set (irs, vkitti2: folder; nyuv2: file)."
+    ),
+]
+Some = Annotated[int | None, arg(help="So many of the frames, evenly spread; all if not given.")]
+
 
 def complete(
     captures: Positional[str],
@@ -51,11 +59,15 @@ def train_completion(
     captures: Positional[str],
     *,
     out: Path,
+    layout: Laid = "captures",
+    also: tuple[str, ...] = (),
     start: str = "",
-    variant: Literal["rgbd", "rgbd-mask", "controlnet"] = "rgbd",
+    variant: Literal["rgbd", "rgbd-mask", "controlnet"] | None = None,
+    at_once: int | None = None,
     picture: Seen = "ir_left",
     holes: Literal["camera", "random"] = "camera",
     rooms: tuple[str, ...] | None = None,
+    frames: Some = None,
     steps: int | None = None,
     seed: int = 0,
     force: bool = False,
@@ -66,12 +78,16 @@ def train_completion(
     Example: starling train completion out/rooms --out models/completion
 
     Args:
-        captures: capture set with reference depth (truth.png) and the camera's own (depth.png).
+        captures: capture set with reference depth (truth.png) and the camera's own (depth.png); or
+            a data set in another layout, where depth is the depth camera's, or our matcher's.
         out: folder for weights, checkpoint and loss curve.
+        also: further data sets to learn from, LAYOUT=PLACE each.
         start: weights of Stable Diffusion 2, a folder or the id on a hub, which then learns to
             complete depth; without, a compact network learns from nothing.
         variant: how Stable Diffusion is told image and depth: side by side, with a mask of holes
-            too, or by ControlNet.
+            too, or by ControlNet; rgbd if not given.
+        at_once: frames that the device holds at a time while Stable Diffusion learns; 4 if not
+            given. A step takes 32 however few.
         holes: the camera's own; or random ones in their stead, to see what its own are worth.
         rooms: to learn from; all where none is named.
         steps: of the training.
@@ -85,11 +101,15 @@ def train_completion(
         result = train_captures(
             captures,
             out,
+            layout=layout,
+            also=also,
             start=start,
             variant=variant,
+            at_once=at_once,
             picture=picture,
             holes=holes,
             rooms=rooms,
+            frames=frames,
             steps=steps,
             seed=seed,
             force=force,
@@ -103,8 +123,11 @@ def evaluate_completion(
     *,
     out: Path,
     methods: tuple[str, ...],
+    layout: Laid = "captures",
+    align: Literal["none", "sensor", "truth"] = "none",
     picture: Seen = "ir_left",
     rooms: tuple[str, ...] | None = None,
+    frames: Some = None,
     seed: int = 0,
     force: bool = False,
     common: Shared = Common(),
@@ -115,9 +138,13 @@ def evaluate_completion(
     small=models/completion --out out/judged
 
     Args:
-        captures: capture set with reference depth (truth.png) and the camera's own (depth.png).
+        captures: capture set with reference depth (truth.png) and the camera's own (depth.png); or
+            a data set in another layout, where depth is the depth camera's, or our matcher's.
         out: folder for figures and pictures.
         methods: NAME or NAME=WEIGHTS each (see `starling complete`).
+        align: scale and shift of depth by least squares before it is judged, frame by frame: to
+            the truth, as networks without a unit are commonly judged; to the camera's own depth,
+            as a robot can; none.
         rooms: to judge; all where none is named.
         seed: of the intervals' draws.
         force: replace a folder that starling wrote before.
@@ -130,8 +157,11 @@ def evaluate_completion(
             captures,
             methods,
             out,
+            layout=layout,
+            align=align,
             picture=picture,
             rooms=rooms,
+            frames=frames,
             seed=seed,
             force=force,
             tell=tell,

@@ -13,14 +13,19 @@ find these:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from learning.completion.frame import Image, Mask
-from patterns.errors import in_interval, positive, refuse
+from patterns.errors import InputError, one_of, positive, refuse
 
+Target = Literal["none", "sensor", "truth"]
+TARGETS: tuple[Target, ...] = ("none", "sensor", "truth")
 _LEAST = 2  # Pixels that tell two numbers.
+_TRIMMED_PCT = 2.0  # Marigold's: single wrong pixels do not stretch the span.
+_NARROWEST = 0.01  # Of the depth: a wall seen head-on has a span too.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -85,6 +90,32 @@ def aligned(prediction: NDArray[np.floating], depth_m: Image, where: Mask) -> Im
     return np.where(found > 0, found, np.float32(np.nan))
 
 
+def judged_as(target: Target, depth_m: Image, *, sensor_m: Image, truth_m: Image) -> Image:
+    """Bring depth to what it is judged against, or leave it as it is.
+
+    Args:
+        target: `truth`, as the paper's "least squares"; `sensor`, as a robot can; `none`.
+        depth_m: (h, w) what a method says [m], NaN where it has none.
+        sensor_m: (h, w) the camera's own [m], NaN = none.
+        truth_m: (h, w) [m], NaN where unknown.
+
+    Returns:
+        (h, w) [m]. What cannot be aligned, as it is one number all over or shares no two pixels
+        with the target, is NaN everywhere: missing.
+
+    Raises:
+        InputError: if the target is unknown.
+    """
+    one_of("align", target, TARGETS)
+    if target == "none":
+        return depth_m
+    goal = truth_m if target == "truth" else sensor_m
+    try:
+        return aligned(depth_m, goal, np.isfinite(goal))
+    except InputError:
+        return np.full_like(depth_m, np.nan)
+
+
 def aligned_inverse(
     prediction: NDArray[np.floating], depth_m: Image, where: Mask, *, farthest_m: float
 ) -> Image:
@@ -133,22 +164,21 @@ class Normalisation:
         return (self.low_m + (prediction + 1) / 2 * (self.high_m - self.low_m)).astype(np.float32)
 
 
-def normalisation(depth_m: Image, valid: Mask, *, trimmed_pct: float = 2.0) -> Normalisation:
+def normalisation(depth_m: Image, valid: Mask) -> Normalisation:
     """Find the numbers that normalise a camera's depth, which then turn a prediction into metres.
+
+    Of its 2nd and 98th percentile; further apart, where need be, by 1 % of the nearer.
 
     Args:
         depth_m: (h, w) the camera's own [m].
         valid: (h, w) where it has some.
-        trimmed_pct: percentile below which, and above 100 less which, depth is left out; 0 takes
-            the least and the greatest.
 
     Raises:
-        InputError: if fewer than two pixels are valid, or all of them are of one depth.
+        InputError: if no pixel is valid.
     """
-    in_interval("trimmed_pct", trimmed_pct, 0.0, 49.0)
     known = depth_m[valid]
-    if known.size < _LEAST:
-        rule = f"must be valid at {_LEAST} pixels or more"
-        raise refuse("depth", rule, known.size, "Leave the image out.")
-    low, high = np.percentile(known.astype(np.float64), (trimmed_pct, 100 - trimmed_pct))
-    return Normalisation(low_m=float(low), high_m=float(high))
+    if not known.size:
+        raise refuse("depth", "must be valid somewhere", "no pixel", "Leave the image out.")
+    trimmed = (_TRIMMED_PCT, 100 - _TRIMMED_PCT)
+    low, high = np.percentile(known.astype(np.float64), trimmed).tolist()
+    return Normalisation(low_m=low, high_m=max(high, low * (1 + _NARROWEST)))

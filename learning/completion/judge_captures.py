@@ -10,16 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from learning import captured
 from learning.completion import judged_pictures, methods
+from learning.completion.alignment import Target, judged_as
 from learning.completion.frame import Image, Mask
+from learning.completion.layouts import INFRARED, Layout, chosen, listed, readings, root
 from learning.completion.learnt_from import learnt_from
 from learning.completion.method import Method, complete
 from learning.completion.metrics import Figures, Score, Sums, averaged, pooled, score
-from learning.completion.pairs import Pair, Picture, pairs
+from learning.completion.pairs import Pair, Picture
 from learning.figures.bootstrap import paired_share
 from patterns.errors import refuse
-from sim import capture, progress, record
+from sim import progress, record
 from sim.output import RECORD, OutputFolder, refuse_own_input
 
 ERRORS = ("mae_m", "rmse_m")
@@ -31,8 +32,11 @@ def judge_captures(
     words: Sequence[str],
     out: Path,
     *,
-    picture: Picture = "ir_left",
+    layout: Layout = "captures",
+    align: Target = "none",
+    picture: Picture = INFRARED,
     rooms: Sequence[str] | None = None,
+    frames: int | None = None,
     seed: int = 0,
     force: bool = False,
     tell: progress.Progress = progress.silent,
@@ -40,11 +44,16 @@ def judge_captures(
     """Complete frames whose truth is known by several methods, and compare.
 
     Args:
-        captures: capture set with reference depth and the camera's own.
+        captures: capture set with reference depth and the camera's own, or data set of another
+            layout.
         words: methods, as `methods.asked` takes them.
         out: folder for figures and pictures.
-        picture: the image that goes with the depth.
+        layout: as `layouts.listed` takes it.
+        align: what depth is brought to by scale and shift before it is judged, frame by frame, the
+            camera's own too; see `alignment.judged_as`.
+        picture: the image that goes with a capture's depth.
         rooms: to judge; None judges all.
+        frames: to judge, so many of theirs, evenly spread; None judges all.
         seed: of the intervals' draws.
         force: replace what was judged before.
         tell: wraps the loop over frames.
@@ -63,9 +72,8 @@ def judge_captures(
         InputError: whatever is wrong with the captures, the methods or the folder.
     """
     begun = time.perf_counter()
-    opened = capture.open_set(captures)
-    refuse_own_input(out, opened.path)
-    captured.check_rooms(opened, rooms or ())
+    judged = chosen(listed(captures, layout, picture), rooms, frames)
+    refuse_own_input(out, root(captures, layout))
     if not words:
         raise refuse("methods", "must be at least one", "none", f"Of {', '.join(methods.NAMES)}.")
     ready = {word: methods.asked(word) for word in dict.fromkeys(words)}
@@ -73,9 +81,12 @@ def judge_captures(
     common: dict[str, dict[str, list[Score]]] = {word: {} for word in ready}
     spent: dict[str, list[float]] = {word: [] for word in ready}
     worst = judged_pictures.Worst()
-    for one in pairs(opened, picture, rooms=rooms, tell=tell, label="judge"):
+    for one in readings(judged, tell, "judge"):
         truth_m = one.truth()
-        told = {_GIVEN: one.depth_m, **_told(ready, one, spent)}
+        told = {
+            word: judged_as(align, depth_m, sensor_m=one.depth_m, truth_m=truth_m)
+            for word, depth_m in ((_GIVEN, one.depth_m), *_told(ready, one, spent).items())
+        }
         judge = partial(score, valid=one.valid, focal_baseline_px_m=one.focal_baseline_px_m)
         causes = one.causes()
         answered = np.all([_depth(told[word]) for word in ready], axis=0)
@@ -102,8 +113,11 @@ def judge_captures(
     asked = {
         "captures": captures,
         "methods": list(words),
+        "layout": layout,
+        "align": align,
         "picture": picture,
         "rooms": rooms,
+        "frames": frames,
         "seed": seed,
     }
     with OutputFolder(out, force=force) as folder:
@@ -180,7 +194,7 @@ def _gain(
                 found[room] = float(error)
         return found
 
-    best = min(plain, key=lambda method: np.mean(list(errors_of(method).values())))
+    best = min(plain, key=lambda method: np.mean(list(errors_of(method).values()) or [np.inf]))
     theirs, own = errors_of(best), errors_of(word)
     both = [room for room, error in theirs.items() if room in own and error > 0]
     if len(both) < 2:

@@ -26,7 +26,9 @@ def learnt_from(word: str, captures: str, rooms: Sequence[str]) -> list[str]:
     folder = Path(weights)
     told = _record(folder / RECORD) or _record(folder.parent / RECORD)  # `weights` lie in one.
     arguments = told.get("arguments", {}) if told.get("verb") == VERB else {}
-    if Path(arguments.get("captures", "")).resolve() != Path(captures).resolve():
+    also = [one.partition("=")[2] for one in arguments.get("also", [])]
+    places = [Path(place).resolve() for place in (arguments.get("captures", ""), *also)]
+    if Path(captures).resolve() not in places:
         return []
     own = arguments.get("rooms")
     return [room for room in rooms if own is None or room in own]

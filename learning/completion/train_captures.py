@@ -1,39 +1,38 @@
-"""The work of `starling train completion`: captures with truth in, weights out."""
+"""The work of `starling train completion`: frames with truth in, weights out."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from learning import captured, work_folder
+from learning import work_folder
 from learning.completion.diffusion.variants import Variant
-from learning.completion.frame import checked
-from learning.completion.pairs import Picture, pairs
-from learning.completion.small import small
-from learning.completion.small.crops import Sample
-from learning.completion.small.random_holes import with_random_holes
-from learning.completion.small.settings import Settings
-from patterns.errors import needs
-from sim import capture, progress
-from sim.capture import CaptureSet
+from learning.completion.layouts import INFRARED, LAYOUTS, Layout, Listed, chosen, listed, root
+from learning.completion.pairs import Picture
+from patterns.errors import needs, refuse
+from sim import progress
 from sim.output import refuse_own_input
 
-Holes = Literal["camera", "random"]
+if TYPE_CHECKING:
+    from learning.completion.training_frame import Holes
 
 
 def train_captures(
     captures: str,
     out: Path,
     *,
+    layout: Layout = "captures",
+    also: Sequence[str] = (),
     start: str = "",
-    variant: Variant = "rgbd",
-    picture: Picture = "ir_left",
+    variant: Variant | None = None,
+    at_once: int | None = None,
+    picture: Picture = INFRARED,
     holes: Holes = "camera",
     rooms: Sequence[str] | None = None,
+    frames: int | None = None,
     steps: int | None = None,
     seed: int = 0,
     force: bool = False,
@@ -42,85 +41,89 @@ def train_captures(
     """Train a network; what was cut short is gone on with when asked for again.
 
     Args:
-        captures: capture set with reference depth and the camera's own.
+        captures: capture set, or data set of another layout, with truth.
         out: folder for weights, checkpoint and loss curve.
+        layout: as `layouts.listed` takes it.
+        also: further data sets to learn from, LAYOUT=PLACE each.
         start: weights of an image generator, a folder or the id on a hub, that learns to complete
             depth; empty trains the compact network from nothing.
-        variant: how the generator is told what is seen; see `diffusion.variants`.
-        picture: the image that goes with the depth.
+        variant: how the generator is told what is seen; see `diffusion.variants`; None: `rgbd`.
+        at_once: frames that the device holds at a time while a generator learns; None leaves the
+            settings' number.
+        picture: the image that goes with a capture's depth.
         holes: the camera's own, or random ones in their stead, as a control.
         rooms: to learn from; None takes all.
+        frames: to learn from, so many of theirs, evenly spread; None takes all.
         steps: None leaves the settings' number.
         seed: of first weights, crops, and random holes.
         force: drop what starling left in the folder.
         tell: wraps loops that take long.
 
     Returns:
-        `{"method", "frames", "hole_share", "out", "seconds"}`.
+        `{"method", "frames", "left_out", "hole_share", "out", "seconds"}`, as `train_small` and
+        `train_diffusion` say.
 
     Raises:
-        InputError: whatever is wrong with the captures or the folder.
+        InputError: whatever is wrong with the frames or the folder; a variant, or a number at once,
+            of the compact network, which has neither.
     """
     begun = time.perf_counter()
-    opened = capture.open_set(captures)
-    refuse_own_input(out, opened.path)
-    captured.check_rooms(opened, rooms or ())
-    settings = Settings() if steps is None else Settings(steps=steps)
-    asked = {"captures": captures, "picture": picture, "holes": holes, "rooms": rooms}
-    kind = {"method": "diffusion", "start": start, "variant": variant} if start else {}
-    arguments = {"method": "small", **kind, **asked, "steps": steps, "seed": seed}
-    work_folder.begin(out, arguments, force=force)
-    samples = _samples(opened, picture, holes, rooms, seed, tell)
-    if start:
-        _fit_diffusion(samples, start, variant, steps, folder=out, seed=seed, tell=tell)
-    else:
-        small.fit(samples, settings, folder=out, seed=seed, tell=tell)
-    figures = {
-        "method": arguments["method"],
-        "frames": len(samples),
-        "hole_share": float(np.mean([np.isnan(sample.depth_m).mean() for sample in samples])),
+    for name, value in (("variant", variant), ("at-once", at_once)):
+        if value is not None and not start:
+            advice = f"Give weights of Stable Diffusion 2 by --start, or leave --{name} out."
+            raise refuse(name, "must come with --start", value, advice)
+    learnt = chosen(_listed([(captures, layout), *map(_named, also)], out, picture), rooms, frames)
+    asked = {
+        "captures": captures,
+        "layout": layout,
+        "also": list(also),
+        "picture": picture,
+        "holes": holes,
+        "rooms": rooms,
+        "frames": frames,
     }
+    seen = {"start": start, "variant": variant or "rgbd", "at_once": at_once} if start else {}
+    method = "diffusion" if start else "small"
+    arguments = {"method": method, **seen, **asked, "steps": steps, "seed": seed}
+    train = partial(_train_diffusion(), **seen) if start else _train_small()
+    work_folder.begin(out, arguments, force=force)
+    found = train(learnt, holes, steps=steps, folder=out, seed=seed, tell=tell)
+    figures = {"method": method, **found}
     work_folder.end(out, "train completion", arguments, figures)
     return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}
 
 
-def _samples(
-    opened: CaptureSet,
-    picture: Picture,
-    holes: Holes,
-    rooms: Sequence[str] | None,
-    seed: int,
-    tell: progress.Progress,
-) -> list[Sample]:
-    found: list[Sample] = []
-    for one in pairs(opened, picture, rooms=rooms, tell=tell, label="read"):
-        sample = Sample(image=one.image, depth_m=one.depth_m, truth_m=one.truth())
-        if holes == "random":
-            sample = with_random_holes(sample, seed, len(found))
-        found.append(sample)
+def _named(word: str) -> tuple[str, str]:
+    """Place and layout of a further data set."""
+    layout, _, place = word.partition("=")
+    if not place:
+        advice = f"LAYOUT is one of {', '.join(LAYOUTS)}."
+        raise refuse("also", "must be LAYOUT=PLACE", word, advice)
+    return place, layout
+
+
+def _listed(sets: Sequence[tuple[str, str]], out: Path, picture: Picture) -> list[Listed]:
+    """Frames of all data sets."""
+    found: list[Listed] = []
+    for place, layout in sets:
+        # The picture is that of captures, if there are any; else it is refused.
+        other = layout != "captures" and any(one == "captures" for _, one in sets)
+        found += listed(place, layout, INFRARED if other else picture)
+        refuse_own_input(out, root(place, layout))
     return found
 
 
-def _fit_diffusion(
-    samples: Sequence[Sample],
-    start: str,
-    variant: Variant,
-    steps: int | None,
-    *,
-    folder: Path,
-    seed: int,
-    tell: progress.Progress,
-) -> None:
-    """Let an image generator learn to complete depth; its weights are left in `folder/weights`."""
+def _train_small() -> Callable[..., dict[str, Any]]:
     try:
-        from learning.completion.diffusion import training, weights
-        from learning.completion.diffusion.samples import Sample as Told
+        from learning.completion.train_small import train_small
+    except ModuleNotFoundError as error:
+        raise needs("small", str(error.name), "learning") from error
+    return train_small
+
+
+def _train_diffusion() -> Callable[..., dict[str, Any]]:
+    try:
+        from learning.completion.train_diffusion import train_diffusion
     except ModuleNotFoundError as error:
         raise needs("diffusion", str(error.name), "completion") from error
-    settings = training.Settings() if steps is None else training.Settings(steps=steps)
-    told = [
-        Told(checked(one.image, one.depth_m, np.isfinite(one.depth_m)), one.truth_m)
-        for one in samples
-    ]
-    parts = weights.load(start)
-    training.train(parts, variant, told, settings, folder=folder, seed=seed, tell=tell)
+    return train_diffusion

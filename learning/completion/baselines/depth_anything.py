@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from transformers import DepthAnythingForDepthEstimation
 
-from learning.completion.alignment import aligned_inverse
+from learning.completion.alignment import aligned_inverse, normalisation
 from learning.completion.diffusion import reading
 from learning.completion.diffusion.published import folder
 from learning.completion.frame import Frame
@@ -35,7 +35,8 @@ class DepthAnything:
 
     network: Any  # A `DepthAnythingForDepthEstimation`.
     shortest_px: int = 518  # Of the image that it sees, about, as published.
-    farthest_m: float = 20.0  # What is told to be farther is put there.
+    farthest_m: float = 20.0  # What is told to be farther is put there, or as far as the sensor
+    # has depth (98th percentile): of streets, 20 m are little.
 
     def __post_init__(self) -> None:
         in_interval("shortest_px", self.shortest_px, 1, 16384)
@@ -62,7 +63,8 @@ class DepthAnything:
         with torch.inference_mode():
             told = self.network(pixel_values=pixels.to(self.network.device)).predicted_depth[0]
         inverse = cv2.resize(told.cpu().numpy(), (width, height), interpolation=cv2.INTER_LINEAR)
-        depth = aligned_inverse(inverse, frame.depth_m, frame.valid, farthest_m=self.farthest_m)
+        farthest_m = max(self.farthest_m, normalisation(frame.depth_m, frame.valid).high_m)
+        depth = aligned_inverse(inverse, frame.depth_m, frame.valid, farthest_m=farthest_m)
         return Completed(depth_m=depth, sigma_m=untold(frame))
 
 

@@ -57,7 +57,7 @@ def trained(source: Path | str) -> Model:
     Raises:
         InputError: as `weights.load`; if it was not trained for completion.
     """
-    parts = weights.load(source)
+    parts = weights.load(source, published=None)
     return _placed(parts, learnt(parts), parts.scheduler)
 
 

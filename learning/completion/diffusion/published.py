@@ -10,16 +10,17 @@ import huggingface_hub
 
 from patterns.errors import refuse
 
+TRAIN = "Run starling train completion CAPTURES --start WEIGHTS --out OUT"
 _ID = re.compile(r"[\w.-]+/[\w.-]+")  # Of a hub: owner/name.
 _SPARE = ("*fp16*", "*non_ema*", "*.ckpt", "*.bin")  # The same weights in other forms.
 
 
-def folder(source: Path | str, *, published: str, files: Sequence[str]) -> Path:
+def folder(source: Path | str, *, published: str | None, files: Sequence[str]) -> Path:
     """Find weights in a folder, or get them from the hub, which keeps them on this machine.
 
     Args:
         source: a folder, or an id `owner/name`.
-        published: an id that would do, to name in a refusal.
+        published: an id that would do, to name in a refusal; None where training here makes them.
         files: patterns of what is needed, of the hub's.
 
     Raises:
@@ -28,6 +29,8 @@ def folder(source: Path | str, *, published: str, files: Sequence[str]) -> Path:
     if (path := Path(source)).is_dir():
         return path
     advice = f"Get them where there is a net: hf download {published} --local-dir DIR; give DIR."
+    if published is None:
+        advice = f"{TRAIN}; give OUT/weights."
     if isinstance(source, Path) or not _ID.fullmatch(source):
         raise refuse("weights", "must be a folder that exists", source, advice)
     try:

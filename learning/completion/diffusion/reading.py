@@ -10,6 +10,7 @@ from diffusers.models.modeling_utils import ModelMixin
 from diffusers.utils import logging as diffusers_logging
 from transformers.utils import logging as transformers_logging
 
+from learning.completion.diffusion.published import TRAIN
 from patterns.errors import refuse
 
 # Their bars would come between this program's own.
@@ -17,14 +18,14 @@ for logging in (diffusers_logging, transformers_logging):
     logging.disable_progress_bar()
 
 
-def network(kind: Any, folder: Path, name: str = "", *, published: str) -> Any:
+def network(kind: Any, folder: Path, name: str = "", *, published: str | None) -> Any:
     """Read a network in 32 bits; all its weights must be there, as the libraries draw the others.
 
     Args:
         kind: its class, of `diffusers` or `transformers`.
         folder: of the weights.
         name: of its folder in there; none where it is that folder.
-        published: an id that would do, to name in a refusal.
+        published: an id that would do, to name in a refusal; None where training here makes them.
 
     Raises:
         InputError: as `part`; if a weight is missing.
@@ -43,7 +44,7 @@ def network(kind: Any, folder: Path, name: str = "", *, published: str) -> Any:
     return read.eval().requires_grad_(False)
 
 
-def part(kind: Any, folder: Path, name: str, *, published: str, **asked: Any) -> Any:
+def part(kind: Any, folder: Path, name: str, *, published: str | None, **asked: Any) -> Any:
     """Read a part of any kind.
 
     Raises:
@@ -61,5 +62,7 @@ def part(kind: Any, folder: Path, name: str, *, published: str, **asked: Any) ->
         ) from error
 
 
-def _advice(published: str) -> str:
+def _advice(published: str | None) -> str:
+    if published is None:
+        return f"{TRAIN}; give OUT/weights whole."
     return f"Give a folder with all files of {published}, or of weights like it."

@@ -33,15 +33,22 @@ def sample(model: Model, seen: Seen, *, steps: int, seed: int, count: int) -> It
     scheduler.set_timesteps(steps, device=model.text.device)
     with torch.inference_mode():
         condition = model.conditioning.condition(seen, model.vae)
-        batch = seen.image.shape[0]
-        text = model.text.expand(batch, -1, -1)
-        for number in range(count):
-            noisy = clean = _start(model, seen, seed, number)
-            for step in scheduler.timesteps:
-                noise = model.conditioning.noise(noisy, step.expand(batch), condition, text)
-                noisy, clean = scheduler.step(noise, step, noisy, return_dict=False)
-            # Not `noisy`: Stable Diffusion's schedule ends with a little noise left.
-            yield latents.decode_depth(model.vae, clean)
+    for number in range(count):
+        # Not around the `yield`: the mode would stay on for whoever asks for the next.
+        with torch.inference_mode():
+            depth = _drawn(model, scheduler, condition, _start(model, seen, seed, number))
+        yield depth
+
+
+def _drawn(model: Model, scheduler: Any, condition: Tensor, noisy: Tensor) -> Tensor:
+    """Take the noise out of latents (b, 4, h, w), step by step; the depth (b, h, w)."""
+    batch, clean = len(noisy), noisy
+    text = model.text.expand(batch, -1, -1)
+    for step in scheduler.timesteps:
+        noise = model.conditioning.noise(noisy, step.expand(batch), condition, text)
+        noisy, clean = scheduler.step(noise, step, noisy, return_dict=False)
+    # Not `noisy`: Stable Diffusion's schedule ends with a little noise left.
+    return latents.decode_depth(model.vae, clean)
 
 
 def _start(model: Model, seen: Seen, seed: int, number: int) -> Tensor:

@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.completion.alignment import Normalisation
+from learning.completion.alignment import Normalisation, normalisation
 from learning.completion.frame import Frame, Image
 
 HOLE = -1.0  # Of a pixel without depth; the paper does not say what it gives them.
 _INNER = 0.8  # Where -1 and 1 come to lie: what is in holes is often beyond all that is measured.
-_PERCENTILES = (2, 98)  # Marigold's, sec. 3.2: single wrong pixels do not stretch the span.
-_NARROWEST = 0.01  # Of the depth: a wall seen head-on has a span too.
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +28,7 @@ class Span:
     @classmethod
     def of(cls, frame: Frame) -> Span:
         """Span of a frame that has depth somewhere."""
-        low, high = np.percentile(frame.depth_m[frame.valid], _PERCENTILES).tolist()
-        return cls(Normalisation(low_m=low, high_m=max(high, low * (1 + _NARROWEST))))
+        return cls(normalisation(frame.depth_m, frame.valid))
 
     def encoded(self, depth_m: Image) -> Image:
         """Encode depth, any shape, to -1..1; what is NaN becomes `HOLE`."""

@@ -19,10 +19,11 @@ import torch
 from torch import Tensor, nn, optim
 
 from learning import checkpoint
-from learning.completion.diffusion import latents, samples, weights
+from learning.completion.diffusion import latents, weights
+from learning.completion.diffusion.batch import Batch, draw
 from learning.completion.diffusion.conditioning import trainable
 from learning.completion.diffusion.model import Model, untrained
-from learning.completion.diffusion.samples import Batch, Sample
+from learning.completion.diffusion.samples import Samples
 from learning.completion.diffusion.variants import Variant
 from learning.completion.diffusion.weights import Weights
 from learning.training.learner import sparing
@@ -44,12 +45,15 @@ class Settings:
     steps: int = 36_000
     batch: int = 32  # Samples a step.
     rate: float = 3e-5  # Adam's.
+    crop_px: tuple[int, int] = (512, 512)  # Eight times sec. 5.1's mask: (h, w).
     at_once: int = 4  # Samples that the device holds at a time; gradients of a step add up.
     save_every: int = 500  # Steps between checkpoints.
 
     def __post_init__(self) -> None:
         for name in ("steps", "batch", "at_once", "save_every"):
             errors.in_interval(name, getattr(self, name), 1, 10_000_000)
+        for side in self.crop_px:
+            errors.in_interval("crop_px", side, 1, 16384, "Give height and width [px].")
         errors.positive("rate", self.rate)
 
 
@@ -66,7 +70,7 @@ class _Run:
 def train(
     parts: Weights,
     variant: Variant,
-    drawn_from: Sequence[Sample],
+    drawn_from: Samples,
     settings: Settings,
     *,
     folder: Path,
@@ -78,7 +82,7 @@ def train(
     Args:
         parts: of a text-to-image model; its network is changed.
         variant: how the network is told what is seen.
-        drawn_from: at least one; each is asked for when it is drawn, so it may read from a disk.
+        drawn_from: at least one; asked for each when it is drawn.
         settings: steps, batches and rate.
         folder: gets `training.pt`, `loss.csv` and at the end `weights/`, which `trained` reads.
         seed: fixes what is drawn.
@@ -88,12 +92,12 @@ def train(
         The model, ready for use.
 
     Raises:
-        InputError: as `untrained` and `samples.draw`; if there is no sample, a loss is no number,
+        InputError: as `untrained` and `draw`; if there is no sample, a loss is no number,
             the checkpoint is damaged or of another training, or weights stand there without one.
     """
-    if not drawn_from:
+    if not len(drawn_from):
         raise refuse("samples", "must be at least one", 0, "Give frames with truth.")
-    identity = f"{variant} {settings} seed {seed} data {samples.digest(drawn_from)} of {_of(parts)}"
+    identity = f"{variant} {settings} seed {seed} data {drawn_from.identity} of {_of(parts)}"
     path = folder / CHECKPOINT
     if (folder / WEIGHTS).exists() and not path.exists():
         rule = f"must not hold {WEIGHTS}/ of another training"
@@ -145,16 +149,15 @@ def loss(model: Model, batch: Batch, *, seed: int) -> Tensor:
     return wrong.sum(dim=(1, 2, 3)) / counted.sum(dim=(1, 2, 3)).clamp(min=1)
 
 
-def _step(
-    run: _Run, drawn_from: Sequence[Sample], settings: Settings, seed: int, step: int
-) -> float:
+def _step(run: _Run, drawn_from: Samples, settings: Settings, seed: int, step: int) -> float:
     run.optimizer.zero_grad()
     total = 0.0
-    for batch in samples.draw(
+    for batch in draw(
         drawn_from,
         step=step,
         count=settings.batch,
         at_once=settings.at_once,
+        crop_px=settings.crop_px,
         seed=seed,
         multiple=run.model.multiple,
         where=run.model.text.device,

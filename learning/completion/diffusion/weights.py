@@ -39,12 +39,12 @@ class Weights:
     controlnet: ControlNetModel | None = None
 
 
-def load(source: Path | str, *, published: str = PUBLISHED) -> Weights:
+def load(source: Path | str, *, published: str | None = PUBLISHED) -> Weights:
     """Read all parts, in 32 bits, on the processor.
 
     Args:
         source: a folder, or a hub's id.
-        published: an id that would do, to name in a refusal.
+        published: an id that would do, to name in a refusal; None where training here makes them.
 
     Raises:
         InputError: if there is nothing, a part is missing or damaged, or parts do not fit together.

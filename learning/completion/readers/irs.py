@@ -51,6 +51,7 @@ def sources(root: Path) -> list[Source]:
                 Source(
                     name=path.relative_to(root).with_suffix("").as_posix(),
                     room=scene.name.partition("_")[0],
+                    files=(path, _right(scene, number[1]), _truth(scene, number[1])),
                     load=partial(_load, scene, number[1]),
                 )
             )
@@ -59,13 +60,21 @@ def sources(root: Path) -> list[Source]:
     return found
 
 
+def _right(scene: Path, number: str) -> Path:
+    return scene / f"r_{number}.png"
+
+
+def _truth(scene: Path, number: str) -> Path:
+    return scene / f"d_{number}.exr"
+
+
 def _load(scene: Path, number: str) -> Item:
     rgb = colour(scene / f"l_{number}.png")
     height, width = rgb.shape[:2]
-    disparity = _disparity(scene / f"d_{number}.exr")
+    disparity = _disparity(_truth(scene, number))
     return Item(
         rgb=rgb,
-        right=colour(scene / f"r_{number}.png"),
+        right=colour(_right(scene, number)),
         truth_m=depth_from_disparity(disparity, focal_px=FOCAL_PX, baseline_m=BASELINE_M),
         camera=Pinhole(
             width=width,

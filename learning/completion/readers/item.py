@@ -43,6 +43,7 @@ class Source:
 
     name: str  # Unique in its data set.
     room: str  # Images of one room share it; splits go by room.
+    files: tuple[Path, ...]  # That are read.
     load: Callable[[], Item]  # Raises InputError if a file is missing or damaged.
 
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from learning.completion.frame import Image
 from learning.completion.readers.item import Item, Source
-from patterns.errors import refuse
+from patterns.errors import needs, refuse
 from sim.pinhole import Pinhole
 
 BASELINE_M = 0.075
@@ -46,7 +46,7 @@ def sources(path: Path) -> list[Source]:
         number = len(file["images"])
         rooms = _scenes(file) if "scenes" in file else [f"{i:04d}" for i in range(number)]
     return [
-        Source(name=f"{index:04d}", room=room, load=partial(_load, path, index))
+        Source(name=f"{index:04d}", room=room, files=(path,), load=partial(_load, path, index))
         for index, room in enumerate(rooms)
     ]
 
@@ -68,7 +68,8 @@ def _load(path: Path, index: int) -> Item:
 
 
 def _known(depth: Any) -> Image:
-    return np.where(depth > 0, depth, np.nan).astype(np.float32)
+    # In rows, as all images are: turning MATLAB's axes round leaves them in columns.
+    return np.ascontiguousarray(np.where(depth > 0, depth, np.nan), np.float32)
 
 
 def _scenes(file: Any) -> list[str]:
@@ -79,8 +80,7 @@ def _opened(path: Path) -> Any:
     try:
         h5py = import_module("h5py")
     except ImportError as error:
-        advice = "pip install h5py."
-        raise refuse("h5py", "must be installed to read NYU Depth V2", "none", advice) from error
+        raise needs("NYU Depth V2", "h5py", "completion") from error
     try:
         file = h5py.File(path, "r")
     except OSError as error:

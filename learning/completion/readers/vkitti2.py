@@ -13,6 +13,7 @@ load it have them.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -43,14 +44,15 @@ def sources(root: Path) -> list[Source]:
     pictures = _part(folder(root), "rgb")
     found = []
     for path in sorted(pictures.glob(f"Scene*/*/frames/rgb/{_LEFT}/rgb_*.jpg")):
-        place = path.relative_to(pictures)
-        scene, variation = place.parts[:2]
+        scene, variation = path.relative_to(pictures).parts[:2]
         number = path.stem.removeprefix("rgb_")
+        files = _Files.of(root, f"{scene}/{variation}", number)
         found.append(
             Source(
                 name=f"{scene}/{variation}/{number}",
                 room=scene,
-                load=partial(_load, root, scene, variation, number),
+                files=files.there,
+                load=partial(_load, files, int(number)),
             )
         )
     if not found:
@@ -59,24 +61,48 @@ def sources(root: Path) -> list[Source]:
     return found
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Files:
+    """Where one frame lies."""
+
+    left: Path
+    right: Path
+    depth: Path
+    text: Path  # Of the camera, for all frames; may be missing.
+
+    @property
+    def there(self) -> tuple[Path, ...]:
+        """All, the text only where there is one."""
+        images = (self.left, self.right, self.depth)
+        return (*images, self.text) if self.text.exists() else images
+
+    @classmethod
+    def of(cls, root: Path, place: str, number: str) -> _Files:
+        pictures = _part(root, "rgb") / place / "frames/rgb"
+        depths = _part(root, "depth") / place / "frames/depth"
+        return cls(
+            left=pictures / _LEFT / f"rgb_{number}.jpg",
+            right=pictures / _RIGHT / f"rgb_{number}.jpg",
+            depth=depths / _LEFT / f"depth_{number}.png",
+            text=_part(root, "textgt") / place / "intrinsic.txt",
+        )
+
+
 def _part(root: Path, kind: str) -> Path:
     """Folder of one archive."""
     own = root / f"vkitti_2.0.3_{kind}"
     return own if own.is_dir() else root
 
 
-def _load(root: Path, scene: str, variation: str, number: str) -> Item:
-    pictures = _part(root, "rgb") / scene / variation / "frames/rgb"
-    depths = _part(root, "depth") / scene / variation / "frames/depth"
-    rgb = colour(pictures / _LEFT / f"rgb_{number}.jpg")
-    steps = code(depths / _LEFT / f"depth_{number}.png")
+def _load(files: _Files, number: int) -> Item:
+    rgb = colour(files.left)
+    steps = code(files.depth)
     known = (steps > 0) & (steps < _SKY)
-    text = _part(root, "textgt") / scene / variation / "intrinsic.txt"
-    fx, fy, cx, cy = _intrinsics(text, int(number))
+    fx, fy, cx, cy = _intrinsics(files.text, number)
     height, width = rgb.shape[:2]
     return Item(
         rgb=rgb,
-        right=colour(pictures / _RIGHT / f"rgb_{number}.jpg"),
+        right=colour(files.right),
         truth_m=np.where(known, steps * np.float32(_STEP_M), np.float32(np.nan)),
         camera=Pinhole(width=width, height=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy),
         baseline_m=BASELINE_M,

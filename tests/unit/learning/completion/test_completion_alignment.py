@@ -8,8 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from learning.completion.alignment import (
+    Normalisation,
     aligned,
     aligned_inverse,
+    judged_as,
     least_squares,
     normalisation,
 )
@@ -65,19 +67,18 @@ def test_inverse_depth_is_aligned_in_inverse_depth() -> None:
     assert found[0, 0] == pytest.approx(20.0)
 
 
-@pytest.mark.parametrize("trimmed", [0.0, 2.0])
-def test_normalised_depth_comes_back(trimmed: float) -> None:
-    found = normalisation(DEPTH, ALL, trimmed_pct=trimmed)
+def test_normalised_depth_comes_back() -> None:
+    found = normalisation(DEPTH, ALL)
     np.testing.assert_allclose(found.denormalise(found(DEPTH)), DEPTH, rtol=1e-5)
     inside = np.mean(np.abs(found(DEPTH)) <= 1 + 1e-6)
-    assert inside == pytest.approx(1 - 2 * trimmed / 100, abs=0.02)
+    assert inside == pytest.approx(0.96, abs=0.02)
 
 
 def test_holes_do_not_count_in_the_normalisation() -> None:
     valid = DEPTH < 2
     holes = np.where(valid, DEPTH, np.float32(np.nan))
-    found = normalisation(holes, valid, trimmed_pct=0.0)
-    assert found.high_m == pytest.approx(DEPTH[valid].max())
+    found = normalisation(holes, valid)
+    assert found.high_m == pytest.approx(np.percentile(DEPTH[valid], 98))
 
 
 def test_alignment_refuses() -> None:
@@ -90,9 +91,41 @@ def test_alignment_refuses() -> None:
             least_squares(constant, DEPTH, ALL)
     with pytest.raises(InputError, match="farthest_m must be > 0"):
         aligned_inverse(DEPTH, DEPTH, ALL, farthest_m=0.0)
-    with pytest.raises(InputError, match="depth must be valid at 2 pixels or more; got 0"):
+    with pytest.raises(InputError, match="depth must be valid somewhere; got no pixel"):
         normalisation(DEPTH, ~ALL)
     with pytest.raises(InputError, match="depth must vary to be normalised; got 1 to 1 m"):
-        normalisation(np.ones_like(DEPTH), ALL)
-    with pytest.raises(InputError, match=r"trimmed_pct must be in \[0, 49\]"):
-        normalisation(DEPTH, ALL, trimmed_pct=50.0)
+        Normalisation(low_m=1.0, high_m=1.0)
+
+
+SENSOR = np.where(RNG.random(DEPTH.shape) < 0.5, 1.1 * DEPTH, np.float32(np.nan))
+
+
+def test_judged_as_the_truth_or_the_camera_has_it() -> None:
+    """What is off by scale and shift alone is not off at all."""
+    off = (0.5 * DEPTH + 2).astype(np.float32)
+    for target, expected in (("none", off), ("sensor", 1.1 * DEPTH), ("truth", DEPTH)):
+        found = judged_as(target, off, sensor_m=SENSOR, truth_m=DEPTH)
+        np.testing.assert_allclose(found, expected, rtol=1e-4)
+
+
+def test_the_camera_aligned_to_itself_stays() -> None:
+    found = judged_as("sensor", SENSOR, sensor_m=SENSOR, truth_m=DEPTH)
+    np.testing.assert_allclose(found, SENSOR, rtol=1e-4)
+
+
+def test_only_known_truth_aligns() -> None:
+    truth = np.where(DEPTH < 2, DEPTH, np.float32(np.nan))
+    off = np.where(DEPTH < 2, DEPTH + 1, np.float32(50))
+    found = judged_as("truth", off, sensor_m=SENSOR, truth_m=truth)
+    np.testing.assert_allclose(found[DEPTH < 2], DEPTH[DEPTH < 2], rtol=1e-4)
+
+
+def test_what_cannot_be_aligned_is_missing() -> None:
+    for useless in (np.full_like(DEPTH, 2), np.full_like(DEPTH, np.nan)):
+        assert np.isnan(judged_as("truth", useless, sensor_m=SENSOR, truth_m=DEPTH)).all()
+        assert judged_as("none", useless, sensor_m=SENSOR, truth_m=DEPTH) is useless
+
+
+def test_an_unknown_target_is_refused() -> None:
+    with pytest.raises(InputError, match=r"align must be a known name; got 'turth'\. Known: truth"):
+        judged_as("turth", DEPTH, sensor_m=SENSOR, truth_m=DEPTH)

@@ -112,10 +112,13 @@ class _Sees:
         return self
 
 
-def test_depth_anything_is_exact_where_the_network_is() -> None:
-    """Depth painted into the image as its inverse comes back, its size as published."""
-    depth = np.linspace(0.5, 4, 64, dtype=np.float32)[None].repeat(48, 0)
-    red = (1 / depth) / 4 + 0.2
+@pytest.mark.parametrize("nearest_m", [0.5, 20.0])
+def test_depth_anything_is_exact_where_the_network_is(nearest_m: float) -> None:
+    """Depth painted into the image as its inverse comes back, its size as published; of streets
+    too, whose depth a cap for rooms would cut.
+    """
+    depth = nearest_m * np.linspace(1, 8, 64, dtype=np.float32)[None].repeat(48, 0)
+    red = (nearest_m / depth) / 2 + 0.2
     valid = np.ones_like(depth, bool)
     valid[10:30, 20:40] = False
     frame = checked(np.repeat(red[..., None], 3, 2), depth, valid)

@@ -66,6 +66,12 @@ def test_several_draws_give_their_mean_and_spread(made: model.Model) -> None:
     assert (found.sigma_m > 0).all()
 
 
+def test_the_mode_without_gradients_does_not_stay_on_between_draws(made: model.Model) -> None:
+    seen = look([FRAME], multiple=made.multiple, where=torch.device("cpu"))
+    for depth in sample(made, seen, steps=1, seed=0, count=2):
+        assert depth.is_inference() and not torch.is_inference_mode_enabled()
+
+
 class _Knows:
     """Tells the noise as it is, knowing the depth's latents: an ideal network."""
 
@@ -108,6 +114,14 @@ def test_steps_begin_at_almost_pure_noise(made: model.Model) -> None:
 def test_weights_that_cannot_complete_are_refused(published: Path) -> None:
     with pytest.raises(InputError, match=r"^weights must be trained for completion, with 12 or 13"):
         load(published)
+
+
+def test_weights_made_here_are_not_said_to_be_published(tmp_path: Path, published: Path) -> None:
+    advice = r"Run starling train completion CAPTURES --start WEIGHTS --out OUT; give OUT/weights"
+    with pytest.raises(InputError, match=rf"must be a folder that exists; got typo\. {advice}\.$"):
+        load("typo")
+    with pytest.raises(InputError, match=rf"weights must hold unet/; got .*\. {advice} whole\.$"):
+        load(tmp_path)
 
 
 def test_settings_refused(made: model.Model) -> None:

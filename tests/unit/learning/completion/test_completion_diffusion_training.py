@@ -17,10 +17,13 @@ pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
 import starling
 from learning.completion.diffusion import model, training, weights
+from learning.completion.diffusion.batch import Batch, draw
+from learning.completion.diffusion.crop import cropped
 from learning.completion.diffusion.method import Diffusion
-from learning.completion.diffusion.samples import Batch, Sample, draw
+from learning.completion.diffusion.samples import Sample
 from learning.completion.diffusion.training import Settings, train
 from learning.completion.diffusion.variants import VARIANTS, Variant
+from learning.completion.frame import checked
 from patterns.errors import InputError
 from tests.unit.learning import capture_sets
 from tests.unit.learning.completion import tiny_diffusion as tiny
@@ -35,6 +38,8 @@ def _sample(seed: int, shape: tuple[int, int] = (13, 18)) -> Sample:
 
 
 SAMPLES = [_sample(seed) for seed in range(4)]
+HELD = tiny.Held(SAMPLES)
+WHOLE: Any = {"crop_px": (512, 512), "multiple": 4, "where": CPU}
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +67,7 @@ def test_killed_training_goes_on_to_the_same_bits(
 ) -> None:
     def run(folder: str, **how: Any) -> model.Model:
         parts = weights.load(published)
-        return train(parts, variant, SAMPLES, SHORT, folder=tmp_path / folder, seed=3, **how)
+        return train(parts, variant, HELD, SHORT, folder=tmp_path / folder, seed=3, **how)
 
     whole = run("whole")
     with pytest.raises(_Killed):
@@ -97,7 +102,7 @@ def test_one_batch_is_learnt(published: Path, variant: Variant) -> None:
 
 
 def _batch(samples: Sequence[Sample], count: int) -> Batch:
-    (batch,) = draw(samples, step=0, count=count, at_once=count, seed=0, multiple=4, where=CPU)
+    (batch,) = draw(tiny.Held(samples), step=0, count=count, at_once=count, seed=0, **WHOLE)
     return batch
 
 
@@ -152,7 +157,7 @@ def test_a_step_is_the_same_however_many_the_device_holds(published: Path, tmp_p
     for at_once in (1, 3):
         settings = dataclasses.replace(SHORT, at_once=at_once, steps=2, rate=1e-4)
         folder = tmp_path / str(at_once)
-        train(weights.load(published), "rgbd", SAMPLES, settings, folder=folder, seed=0)
+        train(weights.load(published), "rgbd", HELD, settings, folder=folder, seed=0)
         lines = (folder / training.CURVE).read_text().splitlines()[1:]
         curves.append([float(line.split(",")[1]) for line in lines])
     np.testing.assert_allclose(curves[0], curves[1], rtol=1e-4)
@@ -162,7 +167,7 @@ def test_every_sample_comes_once_a_turn() -> None:
     seen = [
         float(batch.seen.image[place].sum())
         for step in range(4)
-        for batch in draw(SAMPLES, step=step, count=2, at_once=2, seed=1, multiple=4, where=CPU)
+        for batch in draw(HELD, step=step, count=2, at_once=2, seed=1, **WHOLE)
         for place in range(2)
     ]
     assert len(set(seen[:4])) == 4 and sorted(seen[:4]) == sorted(seen[4:])
@@ -170,17 +175,51 @@ def test_every_sample_comes_once_a_turn() -> None:
 
 def test_defaults_are_the_papers() -> None:
     assert (Settings().steps, Settings().batch, Settings().rate) == (36_000, 32, 3e-5)
+    assert Settings().crop_px == (8 * 64, 8 * 64)
+
+
+def test_samples_of_unequal_sizes_share_a_batch_in_which_no_truth_is_known_beyond() -> None:
+    batch = _batch([_sample(0, (9, 18)), _sample(1, (13, 10))], 2)
+    assert batch.truth.shape == batch.seen.image[:, :1].shape == (2, 1, 16, 20)
+    known = 1 - batch.unknown[:, 0]
+    assert sorted(known.sum(dim=(1, 2)).tolist()) == [13 * 10, 9 * 18]
+
+
+def test_crops_are_of_image_depth_and_truth_alike_and_elsewhere_each_time() -> None:
+    rows, columns = np.mgrid[:40, :60].astype(np.float32)
+    depth = (1 + rows + 100 * columns) / 1000
+    frame = checked(depth / 10, depth, np.ones(depth.shape, bool))
+    whole = Sample(frame, depth)
+    corners = set()
+    for seed in range(20):
+        part = cropped(whole, (16, 24), np.random.default_rng(seed))
+        assert part.frame.shape == part.truth_m.shape == (16, 24)
+        np.testing.assert_array_equal(part.frame.depth_m, part.truth_m)
+        np.testing.assert_allclose(part.frame.rgb[..., 0], part.truth_m / 10, rtol=1e-6)
+        corners.add(float(part.truth_m[0, 0]))
+    assert len(corners) > 15
+    assert cropped(whole, (512, 512), np.random.default_rng(0)) is whole
+    assert cropped(whole, (512, 24), np.random.default_rng(0)).frame.shape == (40, 24)
+
+
+def test_a_crop_of_a_frame_with_hardly_any_depth_has_some() -> None:
+    depth = np.full((40, 60), np.nan, np.float32)
+    depth[39, 0] = 1
+    frame = checked(np.zeros(depth.shape), depth, np.isfinite(depth))
+    for seed in range(5):
+        part = cropped(Sample(frame, depth), (16, 24), np.random.default_rng(seed))
+        assert part.frame.shape == (16, 24) and part.frame.valid.sum() == 1
 
 
 def test_trained_weights_complete(published: Path, tmp_path: Path) -> None:
     settings = dataclasses.replace(SHORT, steps=1)
-    made = train(weights.load(published), "rgbd", SAMPLES, settings, folder=tmp_path, seed=0)
+    made = train(weights.load(published), "rgbd", HELD, settings, folder=tmp_path, seed=0)
     found = Diffusion(model=made, steps=2).fill(SAMPLES[0].frame)
     assert found.depth_m.shape == (13, 18)
 
 
 def _other_size() -> list[Sample]:
-    return [_sample(0), _sample(1, (12, 18))]
+    return [Sample(SAMPLES[0].frame, SAMPLES[0].truth_m[1:])]
 
 
 def _no_depth() -> list[Sample]:
@@ -199,14 +238,14 @@ def _endless() -> list[Sample]:
     ("samples", "message"),
     [
         (list, "samples must be at least one; got 0. "),
-        (_other_size, "samples must all have one size, ("),
+        (_other_size, "frame and truth must have one size; got (13, 18) and (12, 18)"),
         (_no_depth, "samples must have sensor depth; got none in sample 0. "),
         (_endless, "loss must be a finite number; got nan. Stopped at batch 0: "),
     ],
 )
 def test_samples_refused(published: Path, samples: Any, message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
-        train(weights.load(published), "rgbd", samples(), SHORT, folder=tmp_path, seed=0)
+        train(weights.load(published), "rgbd", tiny.Held(samples()), SHORT, folder=tmp_path, seed=0)
     assert str(error.value).startswith(message)
 
 
@@ -215,13 +254,15 @@ def test_settings_refused() -> None:
         Settings(at_once=0)
     with pytest.raises(InputError, match=r"^rate must be > 0; got 0\. "):
         Settings(rate=0)
+    with pytest.raises(InputError, match=r"^crop_px must be in \[1, 16384\]; got 0\. "):
+        Settings(crop_px=(0, 512))
 
 
 def test_checkpoint_of_another_training_is_refused(published: Path, tmp_path: Path) -> None:
     settings = dataclasses.replace(SHORT, steps=1)
-    train(weights.load(published), "rgbd", SAMPLES, settings, folder=tmp_path, seed=0)
+    train(weights.load(published), "rgbd", HELD, settings, folder=tmp_path, seed=0)
     with pytest.raises(InputError, match=r"^checkpoint must be of this training, with the same "):
-        train(weights.load(published), "rgbd", SAMPLES, settings, folder=tmp_path, seed=1)
+        train(weights.load(published), "rgbd", HELD, settings, folder=tmp_path, seed=1)
 
 
 def test_weights_without_their_checkpoint_are_not_taken_for_those_of_this_training(
@@ -229,7 +270,7 @@ def test_weights_without_their_checkpoint_are_not_taken_for_those_of_this_traini
 ) -> None:
     (tmp_path / training.WEIGHTS).mkdir()
     with pytest.raises(InputError, match=r"^folder must not hold weights/ of another training; "):
-        train(weights.load(published), "rgbd", SAMPLES, SHORT, folder=tmp_path, seed=0)
+        train(weights.load(published), "rgbd", HELD, SHORT, folder=tmp_path, seed=0)
 
 
 def test_from_the_command_line_and_used_like_any_method(
@@ -250,8 +291,7 @@ def test_without_its_packages_it_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     captures = capture_sets.write(tmp_path / "set")
-    monkeypatch.setitem(sys.modules, "learning.completion.diffusion.training", None)
-    monkeypatch.delattr("learning.completion.diffusion.training", raising=False)
+    monkeypatch.setitem(sys.modules, "learning.completion.train_diffusion", None)
     flags = ["--out", str(tmp_path / "out"), "--start", "anywhere"]
     assert starling.main(["train", "completion", str(captures), *flags]) == 1
-    assert "diffusion needs learning.completion.diffusion.training" in capsys.readouterr().err
+    assert "diffusion needs learning.completion.train_diffusion" in capsys.readouterr().err

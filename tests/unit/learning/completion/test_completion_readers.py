@@ -5,9 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import cv2
 import numpy as np
-import OpenEXR
 import pytest
 
 from learning.completion.readers import irs, item, nyuv2, vkitti2
@@ -16,22 +14,12 @@ from learning.completion.readers.stereo_depth import stereo_depth
 from patterns.errors import InputError
 from sim.pinhole import Pinhole
 from sim.reason import Reason
+from tests.unit.learning.completion.tiny_data_sets import exr, picture
 
 SHAPE = (24, 40)
 RNG = np.random.default_rng(1)
 LEFT, RIGHT = (RNG.integers(0, 256, (*SHAPE, 3)).astype(np.uint8) for _ in range(2))
 DISPARITY = RNG.uniform(4, 60, SHAPE).astype(np.float32)
-
-
-def picture(path: Path, image: np.ndarray) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    colour = image[..., ::-1] if image.ndim == 3 else image
-    path.write_bytes(cv2.imencode(path.suffix, np.ascontiguousarray(colour))[1].tobytes())
-
-
-def exr(path: Path, **channels: np.ndarray) -> None:
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    OpenEXR.File(header, channels).write(str(path))
 
 
 @pytest.fixture
@@ -180,6 +168,7 @@ def test_nyuv2(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one.rgb, (LEFT, RIGHT)[number])
         np.testing.assert_array_equal(one.truth_m, filled[number])
         assert one.sensor_m is not None
+        assert one.sensor_m.flags.c_contiguous and one.truth_m.flags.c_contiguous
         np.testing.assert_array_equal(np.nan_to_num(one.sensor_m), raw[number])
         assert np.isnan(one.sensor_m[5, 10]) and one.camera.fx_px == pytest.approx(518.8579)
 
@@ -202,7 +191,7 @@ def test_nyuv2_without_scenes_has_a_room_an_image(tmp_path: Path) -> None:
 
 def test_nyuv2_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(InputError, match=r"h5py must be installed .*; got none. pip install h5py"):
+    with pytest.raises(InputError, match=r"NYU Depth V2 needs h5py; got none\. .*\[completion\]"):
         nyuv2.sources(tmp_path / "nyu.mat")
 
 

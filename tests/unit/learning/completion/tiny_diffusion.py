@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +15,7 @@ from diffusers import AutoencoderKL, UNet2DConditionModel
 from safetensors.torch import load_file, save_file
 from transformers import CLIPTextConfig, CLIPTextModel
 
+from learning.completion.diffusion.samples import Sample
 from learning.completion.frame import Frame, checked
 
 _OLD_NAMES = {
@@ -93,6 +97,24 @@ def frame(shape: tuple[int, int] = (13, 18), seed: int = 0) -> Frame:
     valid = np.ones(shape, bool)
     valid[height // 3 : 2 * height // 3, width // 3 : width // 2] = False
     return checked(rng.random((height, width, 3)), depth, valid)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Held:
+    """Samples in memory."""
+
+    samples: Sequence[Sample]
+
+    @property
+    def identity(self) -> str:
+        arrays = [(one.frame.rgb, one.frame.depth_m, one.truth_m) for one in self.samples]
+        return str([zlib.crc32(np.ascontiguousarray(one).data) for row in arrays for one in row])
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __getitem__(self, number: int) -> Sample:
+        return self.samples[number]
 
 
 def _seeded(kind: Any, *given: Any, **named: Any) -> Any:

@@ -1,0 +1,30 @@
+"""A frame as a network learns from it: with its camera's holes, or random ones in their stead."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+from learning.completion.pairs import Pair
+from learning.completion.small.crops import Sample
+from learning.completion.small.random_holes import with_random_holes
+
+Holes = Literal["camera", "random"]
+
+
+def training_frame(one: Pair, holes: Holes, *, seed: int, number: int) -> Pair | None:
+    """Make a frame ready, or None if it has no depth, of which nothing is learnt.
+
+    Args:
+        one: the frame.
+        holes: the camera's own, or random ones, as a control.
+        seed: of random holes.
+        number: the frame's, so that no two have the same.
+
+    Raises:
+        InputError: if its truth is not known, where random holes are asked for.
+    """
+    if holes == "random":
+        own = Sample(image=one.image, depth_m=one.depth_m, truth_m=one.truth())
+        one = dataclasses.replace(one, depth_m=with_random_holes(own, seed, number).depth_m)
+    return one if one.valid.any() else None
