@@ -28,7 +28,7 @@ def complete(
     captures: Positional[str],
     *,
     out: Path,
-    method: str = "bilateral",
+    method: str = "wls",
     picture: Seen = "ir_left",
     force: bool = False,
     common: Shared = Common(),

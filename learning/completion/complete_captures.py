@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from learning.completion import methods
 from learning.completion.frame import Image
 from learning.completion.method import complete
-from learning.completion.pairs import Pair, Picture, pairs
+from learning.completion.pairs import Pair, Picture, pair
 from sim import capture, capture_info, png, progress, record, scene_file
 from sim.capture import CapturedScene
 from sim.capture_info import CaptureInfo
@@ -67,8 +67,9 @@ def complete_captures(
     arguments = {"captures": captures, "method": method, "picture": picture}
     with OutputFolder(out, force=force) as folder:
         folder.write(capture_info.FILE, capture_info.dumps(_info(given.info, picture)))
-        scenes = {scene.name: scene for scene in given.scenes}
-        for one in pairs(given, picture, tell=tell, label="complete"):
+        frames = [(scene, number) for scene in given.scenes for number in scene.frames]
+        for scene, number in tell(frames, "complete"):
+            one = pair(scene, number, picture)
             started = time.perf_counter()
             found = complete(ready, one.image, one.depth_m, one.valid)
             spent.append(time.perf_counter() - started)
@@ -80,7 +81,7 @@ def complete_captures(
             if picture == "rgb":
                 _write_view(folder, one, given.info.depth_unit_m)
             else:
-                said = {**_copied(folder, scenes[one.scene], one.number), **said}
+                said = {**_copied(folder, scene, number), **said}
             _write(folder, one, code, found.sigma_m, given.info.depth_unit_m, said)
         figures = {
             "method": method,

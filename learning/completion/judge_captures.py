@@ -15,9 +15,10 @@ from learning.completion.alignment import Target, judged_as
 from learning.completion.frame import Image, Mask
 from learning.completion.layouts import INFRARED, Layout, chosen, listed, readings, root
 from learning.completion.learnt_from import learnt_from
-from learning.completion.method import Method, complete
+from learning.completion.method import Completed, Method, complete
 from learning.completion.metrics import Figures, Score, Sums, averaged, pooled, score
 from learning.completion.pairs import Pair, Picture
+from learning.completion.sigma_coverage import Coverage, of_regions
 from learning.figures.bootstrap import paired_share
 from patterns.errors import refuse
 from sim import progress, record
@@ -61,12 +62,13 @@ def judge_captures(
     Returns:
         `{"methods": {WORD: {"all", "hole", "valid", "edge", "reasons"}}, "pooled": the same of all
         pixels alike, "rooms": {WORD: {ROOM: ...}}, "gains": {WORD: {REGION: {FIGURE: ...}}},
-        "learnt_from": {WORD: [ROOM, ...]}, "seconds_a_frame": {WORD: ...}, "out", "frames",
-        "seconds"}`. `methods` are means over rooms, each of whose pixels count alike; `sensor` is
-        the camera's own depth. A gain is what share of the error of the best method that learns
-        nothing a learnt one takes away, means over rooms, with a 95 % interval over rooms; of
-        pixels that all methods have depth of. `learnt_from` are rooms that a method has learnt
-        from, as far as its folder tells: judging there flatters it.
+        "sigma": {WORD: {REGION: ...}}, "learnt_from": {WORD: [ROOM, ...]}, "seconds_a_frame":
+        {WORD: ...}, "out", "frames", "seconds"}`. `methods` are means over rooms, each of whose
+        pixels count alike; `sensor` is the camera's own depth. `sigma` tells how often the error
+        that a method expects covers its own (`sigma_coverage`), unaligned. A gain is what share of
+        the error of the best method that learns nothing a learnt one takes away, means over rooms,
+        with a 95 % interval over rooms; of pixels that all methods have depth of. `learnt_from` are
+        rooms that a method has learnt from, as far as its folder tells: judging there flatters it.
 
     Raises:
         InputError: whatever is wrong with the captures, the methods or the folder.
@@ -80,13 +82,20 @@ def judge_captures(
     scores: dict[str, dict[str, list[Score]]] = {word: {} for word in (_GIVEN, *ready)}
     common: dict[str, dict[str, list[Score]]] = {word: {} for word in ready}
     spent: dict[str, list[float]] = {word: [] for word in ready}
+    sigmas: dict[str, dict[str, Coverage]] = {word: {} for word in ready}
     worst = judged_pictures.Worst()
     for one in readings(judged, tell, "judge"):
-        truth_m = one.truth()
+        truth_m, completed = one.truth(), _completed(ready, one, spent)
         told = {
             word: judged_as(align, depth_m, sensor_m=one.depth_m, truth_m=truth_m)
-            for word, depth_m in ((_GIVEN, one.depth_m), *_told(ready, one, spent).items())
+            for word, depth_m in (
+                (_GIVEN, one.depth_m),
+                *((word, found.depth_m) for word, found in completed.items()),
+            )
         }
+        for word, found in completed.items():
+            for region, part in of_regions(found, truth_m, one.valid).items():
+                sigmas[word][region] = sigmas[word].get(region, Coverage()) + part
         judge = partial(score, valid=one.valid, focal_baseline_px_m=one.focal_baseline_px_m)
         causes = one.causes()
         answered = np.all([_depth(told[word]) for word in ready], axis=0)
@@ -106,6 +115,10 @@ def judge_captures(
             word: {room: one.figures() for room, one in of.items()} for word, of in by_room.items()
         },
         "gains": _gains(alike, seed),
+        "sigma": {
+            word: {region: part.figures() for region, part in of.items()}
+            for word, of in sigmas.items()
+        },
         "learnt_from": {word: learnt_from(word, captures, list(by_room[word])) for word in ready},
         "seconds_a_frame": {word: float(np.median(one)) for word, one in spent.items()},
         "frames": sum(map(len, scores[_GIVEN].values())),
@@ -127,13 +140,13 @@ def judge_captures(
     return {**figures, "out": str(folder.path), "seconds": round(time.perf_counter() - begun, 3)}
 
 
-def _told(
+def _completed(
     ready: Mapping[str, Method], one: Pair, spent: Mapping[str, list[float]]
-) -> dict[str, Any]:
+) -> dict[str, Completed]:
     found = {}
     for word, method in ready.items():
         started = time.perf_counter()
-        found[word] = complete(method, one.image, one.depth_m, one.valid).depth_m
+        found[word] = complete(method, one.image, one.depth_m, one.valid)
         spent[word].append(time.perf_counter() - started)
     return found
 

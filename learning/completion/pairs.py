@@ -8,7 +8,7 @@ is another camera's; depth and truth are brought into it as a device's driver do
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -24,8 +24,8 @@ from learning.example import Example
 from learning.geometry.filled import filled
 from learning.hole_kinds import hole_kinds
 from patterns.errors import InputError, one_of, refuse
-from sim import exr, png, progress
-from sim.capture import CapturedScene, CaptureSet
+from sim import exr, png
+from sim.capture import CapturedScene
 from sim.capture_info import CaptureInfo
 from sim.pinhole import Pinhole
 from sim.png import GreyImage
@@ -75,35 +75,6 @@ class Pair:
             name, advice = f"scene {self.scene}", "Leave it out, or give reference depth."
             raise refuse(name, "must have truth.png", "none", advice)
         return self.truth_m
-
-
-def pairs(
-    captures: CaptureSet,
-    picture: Picture,
-    *,
-    rooms: Sequence[str] | None = None,
-    tell: progress.Progress = progress.silent,
-    label: str = "",
-) -> Iterator[Pair]:
-    """Read the frames of a capture set one after the other.
-
-    Args:
-        captures: the set.
-        picture: which image goes with the depth.
-        rooms: those that are read; None reads all.
-        tell: wraps the loop over frames.
-        label: what is done with them.
-
-    Raises:
-        InputError: if a room is unknown or none is named, or as `pair`.
-    """
-    if rooms is not None and not rooms:
-        raise refuse("rooms", "must be at least one", "none", "Name some, or leave --rooms out.")
-    captured.check_rooms(captures, rooms or ())
-    wanted = [scene for scene in captures.scenes if rooms is None or scene.room in rooms]
-    frames = [(scene, number) for scene in wanted for number in scene.frames]
-    for scene, number in tell(frames, label):
-        yield pair(scene, number, picture)
 
 
 def pair(scene: CapturedScene, number: int, picture: Picture) -> Pair:

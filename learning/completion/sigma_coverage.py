@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from learning.completion.frame import Image, Mask
+from learning.completion.method import Completed
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -36,6 +37,21 @@ class Coverage:
             "rms_over_sigma": float(np.sqrt(self.square / self.pixels)),
             "pixels": self.pixels,
         }
+
+
+def of_regions(found: Completed, truth_m: Image, valid: Mask) -> dict[str, Coverage]:
+    """Count holes, and where the camera has depth, apart.
+
+    Args:
+        found: what a method makes of a frame.
+        truth_m: (h, w) [m], NaN where unknown.
+        valid: (h, w) where the camera has depth.
+    """
+    parts = {"hole": ~valid, "valid": valid}
+    return {
+        name: coverage(found.depth_m, found.sigma_m, truth_m, where)
+        for name, where in parts.items()
+    }
 
 
 def coverage(depth_m: Image, sigma_m: Image, truth_m: Image, where: Mask) -> Coverage:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from learning.completion.metrics import score
-from learning.completion.pairs import pair, pairs
+from learning.completion.pairs import pair
 from patterns.errors import InputError
 from sim import capture, capture_info, exr, png
 from sim.depth import DepthMap, from_code
@@ -47,7 +47,7 @@ def colour_at(folder: Path, position_m: float, camera: Pinhole = SIDE) -> np.nda
 
 def test_infrared_goes_with_the_depth_as_it_is(made: Path) -> None:
     opened = capture.open_set(made)
-    found = list(pairs(opened, "ir_left"))
+    found = [pair(scene, 0, "ir_left") for scene in opened.scenes]
     assert [(one.scene, one.room, one.number) for one in found] == [
         *(("attic-view", "attic", 0), ("hall-view", "hall", 0))
     ]
@@ -58,7 +58,6 @@ def test_infrared_goes_with_the_depth_as_it_is(made: Path) -> None:
     assert one.truth_m is not None
     np.testing.assert_allclose(one.truth_m[4:], truth[4:], atol=0.0006)
     assert one.frame.rgb.shape == (*SHAPE, 3) and one.focal_baseline_px_m == pytest.approx(4.0)
-    assert [one.room for one in pairs(opened, "ir_left", rooms=["hall"])] == ["hall"]
 
 
 def test_a_real_camera_s_holes_are_sorted_each_once(made: Path) -> None:
@@ -167,8 +166,6 @@ def test_pairs_refuse(made: Path) -> None:
     scene = capture.open_set(made).scenes[0]
     with pytest.raises(InputError, match="picture must be a known name; got 'ir_rihgt'"):
         pair(scene, 0, "ir_rihgt")
-    with pytest.raises(InputError, match="room must be a known name; got 'bath'"):
-        next(pairs(capture.open_set(made), "ir_left", rooms=["bath"]))
     with pytest.raises(InputError, match=r"frame 0 of attic-view must have ir_left_off.png"):
         pair(scene, 0, "ir_left_off")
     with pytest.raises(InputError, match=r"frame 0 of attic-view must have rgb.png; got none"):

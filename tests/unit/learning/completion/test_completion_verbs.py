@@ -119,6 +119,11 @@ def test_trained_and_judged(captures: Path, tmp_path: Path, capsys: Capsys):
     assert gain["gain_pct"] == pytest.approx(expected)
     assert gain["interval"][0] <= gain["gain_pct"] <= gain["interval"][1]
     assert (out / "worst.png").read_bytes().startswith(b"\x89PNG")
+    assert figures["sigma"]["poisson"]["hole"]["pixels"] == 0  # It tells none.
+    told = figures["sigma"][f"small={model}"]
+    for region in ("hole", "valid"):
+        pixels = figures["methods"][f"small={model}"][region]["pixels"]
+        assert told[region]["pixels"] == pixels and 0 <= told[region]["within_sigma"] <= 1
 
 
 def test_depth_that_a_code_cannot_hold_is_a_hole_still(captures: Path, tmp_path: Path, capsys):
