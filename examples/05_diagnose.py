@@ -12,7 +12,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from diagnosis.diagnosis import diagnose
+from diagnosis import diagnose
 from diagnosis.report import sentences
 from sim import capture, sensor_edits, sensors, simulate_captures
 

@@ -29,6 +29,7 @@ def figures(of: Diagnosis) -> dict[str, Any]:
                 "parts": {name: _part(part) for name, part in of.where.parts.items()},
                 "rules": [dataclasses.asdict(rule) for rule in of.where.rules],
                 "rows": [dataclasses.asdict(row) for row in of.where.rows],
+                "off": [dataclasses.asdict(row) for row in of.where.off],
                 "maps": [
                     {
                         "quantity": one.quantity,

@@ -19,8 +19,10 @@ from diagnosis.where.maps import CAMERA, FIELD, Map, OfBody
 from diagnosis.where.rules import Rule
 from diagnosis.where.swap import Part
 from diagnosis.where.table import Row
+from diagnosis.where.where import OFF_PX
 
-ROWS = 15  # Of the bins, those of the smallest chance.
+ROWS = 15  # Of the bins, those of the smallest chance,
+FEWER = 8  # and of those of depth that is off.
 BODIES = 12  # Of the objects, those with most of the gap.
 _CLEAR = 3.0  # Deviations.
 
@@ -74,7 +76,9 @@ def section(of: Diagnosis) -> str:
         + "<h3>Which rules</h3>"
         + _rules(of.where.rules, named)
         + f"<h3>Which bins: the {min(ROWS, len(of.where.rows))} of the smallest chance</h3>"
-        + _rows(of.where.rows[:ROWS], named)
+        + _rows(of.where.rows[:ROWS], "holes", "pixels without depth", named)
+        + f"<h3>Where depth is off by more than {OFF_PX:g} px</h3>"
+        + _rows(of.where.off[:FEWER], "errors", "pixels whose depth is so far off", named)
     )
 
 
@@ -231,7 +235,7 @@ def _rules(rules: tuple[Rule, ...], named: Words) -> str:
     return f"<ul>{''.join(said)}</ul>"
 
 
-def _rows(rows: tuple[Row, ...], named: Words) -> str:
+def _rows(rows: tuple[Row, ...], quantity: str, counted: str, named: Words) -> str:
     if not rows:
         return prose("No bin holds enough pixels.")
     cells = [
@@ -246,9 +250,9 @@ def _rows(rows: tuple[Row, ...], named: Words) -> str:
         ]
         for row in rows
     ]
-    head = ["By", "Bin", "Gap in holes", "95 %", "Of the pixels", "Of the gap", "Chance"]
+    head = ["By", "Bin", f"Gap in {quantity}", "95 %", "Of the pixels", "Of the gap", "Chance"]
     return table(head, cells, words=2) + prose(
-        f"Gap: pixels without depth, {named.pair[0]} less {named.pair[1]}. Chance: of as large a "
+        f"Gap: {counted}, {named.pair[0]} less {named.pair[1]}. Chance: of as large a "
         "gap in any bin, were the signs of rooms arbitrary; n rooms cannot make it less than 2 of "
         "2^n.",
         quiet=True,

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.ground import Ground
+from diagnosis.ground import Ground, Mask
 from diagnosis.rooms import FEWEST, draws, interval, means
 from sim.statistics import mean_known
 
+MATERIAL = "material"  # Beside the covariates of `diagnosis.ground`.
 _FEWEST = 200  # Pixels of a scene in a bin.
 _DRAWS = 2000
 _CANCELS = 0.1  # Of all that changed, up to which a net gap is what others leave of each other.
@@ -23,7 +24,7 @@ class Row:
 
     covariate: str
     bin: str
-    gap: float  # Mean over scenes: second map's share of no-depth pixels less the first's.
+    gap: float  # Mean over scenes: second map's share of True pixels less the first's.
     low: float  # 95 % bootstrap interval over rooms; NaN of too few.
     high: float
     area: float  # Share of the counted pixels that lie in it.
@@ -47,14 +48,16 @@ def table(
     second: Sequence[NDArray[np.bool_]],
     grounds: Sequence[Ground],
     rooms: Sequence[str],
+    materials: Sequence[Mapping[str, Mask]] = (),
 ) -> list[Row]:
-    """Where the second maps have no depth and the first have, by bins.
+    """Where the second maps are True and the first are not, by bins.
 
     Args:
-        first: (h, w) of every scene, True without depth.
+        first: (h, w) of every scene, True without depth, or where depth is off.
         second: likewise.
         grounds: of the scenes.
         rooms: likewise; their means are what signs are drawn of.
+        materials: of every scene its counted pixels by material, one more covariate; none if empty.
 
     Returns:
         Rows by size of the gap, those of the smallest chance first.
@@ -63,6 +66,7 @@ def table(
     Resampling-Based Multiple Testing, 1993).
     """
     keys = [(one.name, word) for one in grounds[0].covariates.values() for word in one.bins]
+    keys += [(MATERIAL, name) for name in sorted({name for one in materials for name in one})]
     gaps = np.full((len(grounds), len(keys)), np.nan)
     area = np.zeros(len(keys))
     net = np.zeros(len(keys))
@@ -72,7 +76,10 @@ def table(
         total += float(change[ground.counted].sum())
         pixels += int(ground.counted.sum())
         for column, (name, word) in enumerate(keys):
-            where = ground.covariates[name].where(word)
+            if name == MATERIAL:
+                where = materials[scene].get(word, np.zeros(change.shape, bool))
+            else:
+                where = ground.covariates[name].where(word)
             count = np.count_nonzero(where)
             area[column] += count
             net[column] += float(change[where].sum())

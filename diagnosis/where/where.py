@@ -7,12 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from diagnosis.ground import Ground, Image, Mask
 from diagnosis.subject import Subject
 from diagnosis.where import maps, rules, swap, table
 from diagnosis.where.maps import Map, OfBody
+from diagnosis.where.materials import materials
 from diagnosis.where.rules import Rule
 from diagnosis.where.swap import Part
 from diagnosis.where.table import Row
+
+OFF_PX = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -22,8 +26,14 @@ class Where:
     parts: dict[str, Part]
     maps: tuple[Map, ...]
     bodies: tuple[OfBody, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[Row, ...]  # Of pixels without depth.
+    off: tuple[Row, ...]  # Of those whose depth is off by more than `OFF_PX`.
     rules: tuple[Rule, ...]
+
+
+def _off(disparity_px: Image, ground: Ground) -> Mask:
+    """Where there is depth (h, w), and it is wrong."""
+    return np.asarray(np.abs(disparity_px - ground.disparity_px) > OFF_PX)
 
 
 def where(subjects: Sequence[Subject]) -> Where:
@@ -40,11 +50,17 @@ def where(subjects: Sequence[Subject]) -> Where:
     rooms = [one.room for one in subjects]
     real, grounds = [one.real for one in subjects], [one.ground for one in subjects]
     first, second = ([~np.isfinite(one.depth_px[0]) for one in many] for many in (base, real))
+    off = [
+        [_off(one.depth_px[0], ground) for one, ground in zip(many, grounds, strict=True)]
+        for many in (base, real)
+    ]
+    made_of = [materials(one.scene, one.ground) for one in subjects]
     several = len(subjects) > 1
     return Where(
         parts=swap.swap(base, real, grounds, rooms),
         maps=tuple(maps.maps(base, real, grounds, rooms)) if several else (),
         bodies=tuple(maps.bodies([(one.name, one.scene) for one in subjects], base, real, grounds)),
-        rows=tuple(table.table(first, second, grounds, rooms)),
+        rows=tuple(table.table(first, second, grounds, rooms, made_of)),
+        off=tuple(table.table(off[0], off[1], grounds, rooms, made_of)),
         rules=tuple(rules.rules(first, second, grounds, rooms)),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from patterns.errors import InputError
 from sim import capture, sensors
 from sim.capture import CaptureSet
 from sim.effects import setting
+from sim.scene import Scene
 from sim.scenes import builtin
 from sim.sensor import Sensor
 from sim.sensor_edits import with_values
@@ -118,6 +120,22 @@ def test_real_images_are_matched_again_with_other_settings(light, tmp_path):
     whole_units = reading.written(one.real.ours_px, nominal())
     np.testing.assert_array_equal(same.device_px, whole_units)
     assert reading.read(captures.scenes[0], nominal()).left is not None
+
+
+def test_scenes_in_different_light_are_refused(tmp_path, monkeypatch):
+    def lit(name: str, sensor: Sensor) -> Scene:
+        level = 0.1 if name == "clutter:1" else 0.2
+        return with_ambient(builtin.clutter(1), level)
+
+    monkeypatch.setattr(light_sets.scenes, "load", lit)
+    with pytest.raises(InputError, match="scenes must share one ambient light; got"):
+        light_sets.write(tmp_path / "out", SCENES, nominal())
+    assert not (tmp_path / "out").exists()
+
+
+def with_ambient(scene: Scene, level: float) -> Scene:
+    ambient = dataclasses.replace(scene.ambient, irradiance_w_m2=level)
+    return dataclasses.replace(scene, ambient=ambient)
 
 
 def test_scenes_that_cannot_be_lit_are_refused(tmp_path):

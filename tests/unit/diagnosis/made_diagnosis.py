@@ -56,6 +56,7 @@ def where(captured: list[Reading]) -> Where:
         maps=tuple(maps.maps(simulated, captured, grounds, rooms)) if several else (),
         bodies=(),
         rows=tuple(table.table(before, after, grounds, rooms)),
+        off=(),
         rules=tuple(rules.rules(before, after, grounds, rooms)),
     )
 

@@ -46,6 +46,15 @@ def told(*scenes: Any, device: str = SENSOR.name, locked: bool = True, **others:
     return " ".join(limits_of(device, scenes, locked=locked, **asked))
 
 
+def test_the_package_offers_its_function_and_nothing_else():
+    import diagnosis
+    from diagnosis.diagnosis import diagnose
+
+    assert diagnosis.diagnose is diagnose
+    with pytest.raises(AttributeError, match="has no attribute 'diagnosed'"):
+        _ = diagnosis.diagnosed
+
+
 def test_of_whole_captures_only_what_no_reading_shows_is_told():
     text = told(scene("a"), scene("b"))
     assert text.startswith("Not tried") and text.count(". ") == 0

@@ -94,6 +94,18 @@ def test_the_bins_of_the_smallest_chance_are_listed():
             assert listed[0][6] == f"{row.p:.3g}"
 
 
+def test_where_depth_is_off_has_a_table_of_its_own():
+    rows = FULL.where.rows
+    one = dataclasses.replace(FULL, where=dataclasses.replace(FULL.where, rows=(), off=rows))
+    head = ["By", "Bin", "Gap in errors"]
+    read = Reader(page(one)).rows
+    first = next(number for number, row in enumerate(read) if row[:3] == head) + 1
+    own = [row[:2] for row in read[first : first + 9]]
+    assert own[:8] == [[row.covariate, row.bin] for row in rows[:8]]
+    assert own[8:] != [[rows[8].covariate, rows[8].bin]]
+    assert len(figures.figures(one)["where"]["off"]) == len(rows)
+
+
 def test_rules_are_sentences():
     rule = rules.Rule(text="level < 12 DN", gap=-0.051, area=0.034, net=-0.0017, share=0.41)
     unknown = dataclasses.replace(rule, text="x > 3 px", gap=0.02, share=NAN)

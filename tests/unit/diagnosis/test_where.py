@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ import pytest
 from diagnosis.reading import Reading
 from diagnosis.where import maps as maps_of
 from diagnosis.where import rules, swap, table
+from diagnosis.where.materials import materials
+from sim.scene import Material
 from sim.scenes import builtin
 from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, made
 
@@ -90,6 +94,38 @@ def test_more_holes_in_one_bin_are_found_there():
     assert row.share == pytest.approx(1, abs=0.15) and row.p < 0.06
     other = next(row for row in rows if (row.covariate, row.bin) == ("x", "right"))
     assert abs(other.gap) < 0.01 and other.p > 0.2
+
+
+def test_a_material_is_one_more_covariate():
+    """A tenth more of what is made of it has no depth, in the scenes that have it."""
+    of_cloth = GROUND.counted & (np.arange(DISPARITY.shape[0])[:, None] < 40)
+    of_wood = GROUND.counted & ~of_cloth
+    first = [holes(scene) for scene in range(SCENES)]
+    second = [holes(50 + scene, of_cloth if scene else None) for scene in range(SCENES)]
+    parts = [{"cloth": of_cloth, "wood": of_wood}] * SCENES
+    parts[0] = {"wood": GROUND.counted}
+    rows = table.table(first, second, [GROUND] * SCENES, ROOMS, parts)
+    found = {row.bin: row for row in rows if row.covariate == "material"}
+    assert found["cloth"].gap == pytest.approx(0.1, abs=0.01)
+    assert abs(found["wood"].gap) < 0.01 and set(found) == {"cloth", "wood"}
+    assert all(
+        row.covariate != "material"
+        for row in table.table(first, second, [GROUND] * SCENES, ROOMS, [{}] * SCENES)
+    )
+
+
+def test_pixels_are_parted_by_what_bodies_are_made_of():
+    cloth, wood = Material(name="cloth"), Material(name="wood")
+    bodies = [SimpleNamespace(material=one) for one in (wood, cloth, wood)]
+    columns = np.arange(DISPARITY.shape[1])
+    body = np.broadcast_to(columns * 3 // columns.size + 1, DISPARITY.shape).astype(np.uint32)
+    ground = dataclasses.replace(GROUND, body=body)
+    scene: Any = SimpleNamespace(bodies=bodies)
+    found = materials(scene, ground)
+    np.testing.assert_array_equal(found["cloth"], GROUND.counted & (body == 2))
+    np.testing.assert_array_equal(found["wood"], GROUND.counted & (body != 2))
+    alone: Any = SimpleNamespace(bodies=bodies[:1])
+    assert materials(alone, ground) == {}  # All of one.
 
 
 def test_gaps_that_cancel_have_no_shares():
