@@ -108,7 +108,7 @@ def _captured(subjects: Sequence[Subject]) -> Iterator[str]:
     if moved:
         yield (
             f"Repeats of {', '.join(moved)} differ by more than noise and light, as if something "
-            "had moved: the first alone is read."
+            "had moved: what they tell of noise in time may be wrong."
         )
 
 

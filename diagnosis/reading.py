@@ -33,7 +33,7 @@ class Reading:
     right: Images | None
     ours_px: Maps | None  # Disparity by our matcher, of the first repeat; NaN where there is none.
     device_px: Maps | None  # Disparity by the device's own depth; NaN likewise.
-    moved: bool = False  # Whether there were more repeats, which something moved between.
+    moved: bool = False  # Whether repeats differ by more than noise and how much light there is.
     exposure: Exposure | None = None  # That the camera recorded for the first repeat.
     unlit: bool = False  # Whether these are pairs captured beside others with the projector off.
 
@@ -67,8 +67,7 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
     """Read the repeats of a captured scene, and match its infrared pairs.
 
     Repeats are taken that have both infrared and depth, if any has: what they tell depends on their
-    number, and depth is compared with what its own pair gives. Of repeats between which something
-    moved the first alone is taken, as their differences would pass for noise in time.
+    number, and depth is compared with what its own pair gives.
 
     Args:
         scene: of a capture set.
@@ -93,17 +92,15 @@ def read(scene: CapturedScene, sensor: Sensor) -> Reading:
     left = np.stack([one for one, _ in pairs]) if pairs else None
     right = np.stack([other for _, other in pairs]) if pairs else None
     device = np.stack([scene.info.disparity_px(one) for one in depths]) if depths else None
-    shaken = _shaken(left, device)
-    whole = Reading(
+    return Reading(
         left=left,
         right=right,
         ours_px=None if left is None or right is None else matched(left[:1], right[:1], sensor),
         device_px=device,
-        moved=shaken,
+        moved=_shaken(left, device),
         exposure=recorded(frames[0].record),
         unlit=bool(unlit),
     )
-    return whole.first(1) if shaken else whole
 
 
 def _unlit(frame: Frame) -> Frame:

@@ -50,7 +50,8 @@ def test_detail_within_a_surface_stays_lost() -> None:
 def test_smoothed_again_it_is_the_image_whatever_the_unit(seed: int, unit: float) -> None:
     rng = np.random.default_rng(seed)
     brightness = np.kron(rng.uniform(0.05, 1, (3, 4)), np.ones((32, 40))).astype(np.float32)
-    disparity = np.kron(rng.uniform(5, 60, (3, 4)), np.ones((32, 40))).astype(np.float32)
+    apart = rng.permutation(np.linspace(5, 60, 12)).reshape(3, 4)  # Each a surface of its own.
+    disparity = np.kron(apart, np.ones((32, 40))).astype(np.float32)
     disparity[rng.random(SHAPE) < 0.02] = np.nan
     mixed = _smoothed(brightness)
     found = unmixed(mixed, disparity, SIGMA_PX)
