@@ -12,11 +12,18 @@ import numpy as np
 
 from learning.completion import judged_pictures, methods
 from learning.completion.alignment import Target, judged_as
-from learning.completion.frame import Image, Mask
 from learning.completion.layouts import INFRARED, Layout, chosen, listed, readings, root
 from learning.completion.learnt_from import learnt_from
 from learning.completion.method import Completed, Method, complete
-from learning.completion.metrics import Figures, Score, Sums, averaged, pooled, score
+from learning.completion.metrics import (
+    Figures,
+    Score,
+    Sums,
+    answered,
+    averaged,
+    pooled,
+    score,
+)
 from learning.completion.pairs import Pair, Picture
 from learning.completion.sigma_coverage import Coverage, of_regions
 from learning.figures.bootstrap import paired_share
@@ -98,13 +105,13 @@ def judge_captures(
                 sigmas[word][region] = sigmas[word].get(region, Coverage()) + part
         judge = partial(score, valid=one.valid, focal_baseline_px_m=one.focal_baseline_px_m)
         causes = one.causes()
-        answered = np.all([_depth(told[word]) for word in ready], axis=0)
+        by_all = np.all([answered(told[word]) for word in ready], axis=0)
         for word, depth_m in told.items():
             found = judge(depth_m, truth_m, causes=causes)
             scores[word].setdefault(one.room, []).append(found)
             if word in common:
-                if not answered.all():
-                    found = judge(depth_m, np.where(answered, truth_m, np.float32(np.nan)))
+                if not by_all.all():
+                    found = judge(depth_m, np.where(by_all, truth_m, np.float32(np.nan)))
                 common[word].setdefault(one.room, []).append(found)
         worst.see(one, told)
     by_room, alike = _by_room(scores), _by_room(common)
@@ -149,10 +156,6 @@ def _completed(
         found[word] = complete(method, one.image, one.depth_m, one.valid)
         spent[word].append(time.perf_counter() - started)
     return found
-
-
-def _depth(depth_m: Image) -> Mask:
-    return np.isfinite(depth_m) & (depth_m > 0)
 
 
 def _by_room(scores: Mapping[str, Mapping[str, Sequence[Score]]]) -> dict[str, dict[str, Score]]:

@@ -112,6 +112,11 @@ class Score:
         }
 
 
+def answered(depth_m: NDArray[np.floating]) -> Mask:
+    """Where a method says something: a depth that is finite and above zero."""
+    return np.isfinite(depth_m) & (depth_m > 0)
+
+
 def sums(depth_m: Image, truth_m: Image, where: Mask) -> Sums:
     """Sum over one region.
 
@@ -131,7 +136,7 @@ def sums(depth_m: Image, truth_m: Image, where: Mask) -> Sums:
     if not (truth > 0).all():
         raise refuse("truth_m", "must be > 0 where known", truth.min(), "Mark unknown with NaN.")
     found = depth_m[counted].astype(np.float64)
-    given = np.isfinite(found) & (found > 0)
+    given = answered(found)
     z, d = truth[given], found[given]
     error = np.abs(d - z)
     ratio = np.maximum(d / z, z / d)

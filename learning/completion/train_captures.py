@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from learning import work_folder
 from learning.completion.diffusion.variants import Variant
 from learning.completion.layouts import INFRARED, LAYOUTS, Layout, Listed, chosen, listed, root
+from learning.completion.learnt_from import VERB
 from learning.completion.pairs import Picture
 from patterns.errors import needs, refuse
 from sim import progress
@@ -89,7 +90,7 @@ def train_captures(
     work_folder.begin(out, arguments, force=force)
     found = train(learnt, holes, steps=steps, folder=out, seed=seed, tell=tell)
     figures = {"method": method, **found}
-    work_folder.end(out, "train completion", arguments, figures)
+    work_folder.end(out, VERB, arguments, figures)
     return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}
 
 

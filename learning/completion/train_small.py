@@ -12,8 +12,7 @@ from learning.completion.layouts import Listed, readings
 from learning.completion.small import small
 from learning.completion.small.crops import Sample
 from learning.completion.small.settings import Settings
-from learning.completion.training_frame import Holes, training_frame
-from patterns.errors import refuse
+from learning.completion.training_frame import Holes, none_has_depth, training_frame
 from sim import progress
 
 
@@ -50,8 +49,7 @@ def train_small(
             told = Sample(image=ready.image, depth_m=ready.depth_m, truth_m=ready.truth())
             samples.append(told)
     if not samples:
-        advice = "Give others: of these nothing can be learnt."
-        raise refuse("frames", "must have depth", f"none in all {len(frames)}", advice)
+        raise none_has_depth(len(frames))
     settings = Settings() if steps is None else Settings(steps=steps)
     small.fit(samples, settings, folder=folder, seed=seed, tell=tell)
     return {

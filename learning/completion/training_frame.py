@@ -8,8 +8,15 @@ from typing import Literal
 from learning.completion.pairs import Pair
 from learning.completion.small.crops import Sample
 from learning.completion.small.random_holes import with_random_holes
+from patterns.errors import InputError, refuse
 
 Holes = Literal["camera", "random"]
+
+
+def none_has_depth(count: int) -> InputError:
+    """Build (not raise) the refusal of frames of which none has depth."""
+    advice = "Give others: of these nothing can be learnt."
+    return refuse("frames", "must have depth", f"none in all {count}", advice)
 
 
 def training_frame(one: Pair, holes: Holes, *, seed: int, number: int) -> Pair | None:

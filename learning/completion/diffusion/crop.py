@@ -6,6 +6,7 @@ import numpy as np
 
 from learning.completion.diffusion.samples import Sample
 from learning.completion.frame import Frame
+from learning.completion.window import around
 
 _LEAST = 0.2  # Share of a crop that must have depth, which its scale is told by; else another is
 _TRIES = 10  # drawn, so often.
@@ -33,12 +34,8 @@ def cropped(sample: Sample, size_px: tuple[int, int], rng: np.random.Generator) 
     # Hardly any depth: around a pixel that has some.
     there = np.argwhere(frame.valid)
     row, column = there[int(rng.integers(len(there)))].tolist()
-    top, left = _around(row, rows, frame.shape[0]), _around(column, columns, frame.shape[1])
+    top, left = around(row, rows, frame.shape[0]), around(column, columns, frame.shape[1])
     return _cut(sample, top, left, rows, columns)
-
-
-def _around(middle: int, part: int, whole: int) -> int:
-    return min(max(middle - part // 2, 0), whole - part)
 
 
 def _cut(sample: Sample, top: int, left: int, rows: int, columns: int) -> Sample:

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from learning.completion.diffusion.samples import Sample
 from learning.completion.fingerprint import fingerprint
 from learning.completion.layouts import Listed
-from learning.completion.training_frame import Holes, training_frame
-from patterns.errors import refuse
+from learning.completion.training_frame import Holes, none_has_depth, training_frame
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -46,8 +45,7 @@ class Unread:
         for place in (*range(number, len(self)), *range(number)):
             if (sample := self._read(place)) is not None:
                 return sample
-        advice = "Give others: of these nothing can be learnt."
-        raise refuse("frames", "must have depth", f"none in all {len(self)}", advice)
+        raise none_has_depth(len(self))
 
     def _read(self, place: int) -> Sample | None:
         if self.shares.get(place) == 1:

@@ -18,6 +18,7 @@ from learning.completion.frame import Image, Mask, checked
 from learning.completion.small.false_islands import with_false_islands
 from learning.completion.small.seen import Seen, seen
 from learning.completion.small.settings import Settings
+from learning.completion.window import around
 from learning.training import turns
 from patterns.errors import refuse
 from sim.randomness import generator
@@ -135,8 +136,8 @@ def _around(depth_m: Image, shape: tuple[int, int]) -> Window:
     """The place of a crop that has the first pixel with depth in its middle, or near it."""
     at = np.argwhere(np.isfinite(depth_m))[0]
     begun = [
-        int(np.clip(one - part // 2, 0, max(whole - part, 0)))
-        for one, part, whole in zip(at, shape, depth_m.shape, strict=True)
+        around(int(middle), part, whole)
+        for middle, part, whole in zip(at, shape, depth_m.shape, strict=True)
     ]
     return _window(begun, shape)
 
