@@ -118,6 +118,7 @@ def nominal(sensor: Sensor) -> dict[str, Any]:
         "read_noise_e": imager.read_noise_e,
         "shot_noise": imager.shot_noise,
         "lens_blur_px": imager.lens.blur_px,
+        "smoothing_px": imager.smoothing_px,
         "lens_focus_m": imager.lens.focus_m,
         "projector_focus_m": sensor.projector.focus_m,
         "projector_x_m": sensor.projector.position_m[0],

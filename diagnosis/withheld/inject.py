@@ -55,7 +55,8 @@ EFFECTS = frozenset(
     }
 )
 LEVELS = frozenset({"black_level", "gain"})  # An automatic exposure would make up for these.
-UPWARDS = frozenset({"lens_blur", "read_noise"})  # What is there of them cannot be taken out.
+# What is there of them cannot be taken out.
+UPWARDS = frozenset({"lens_blur", "read_noise", "smoothing"})
 _OPTICAL = (
     *("lens_blur", "vignetting", "veil", "crosstalk"),
     *("lens_ghost", "astigmatism", "finger_print", "brightness_ramp"),
@@ -80,8 +81,11 @@ def inject(
 
     The real noise stays. Blurring and resampling a picture would average it away, which no lens
     does: what the photon transfer of `nominal` says is missing is put back. An effect's own noise
-    comes on top of the real one. Of `read_noise` and `lens_blur` what exceeds `nominal`'s is added,
-    in quadrature.
+    comes on top of the real one. Of `read_noise`, `lens_blur` and `smoothing` what exceeds
+    `nominal`'s is added, in quadrature.
+
+    A device that averages its codes has averaged the real ones, and averages what an effect adds
+    to them as well. What a lens does changes places with that, as both are linear.
 
     Args:
         left_dn: Left image (h, w) [DN].
@@ -138,13 +142,13 @@ class _Injection:
         if self.exposed_again:
             rng = self.draws.of_frame(f"{self.side}/injected exposure")
             noise = rng.standard_normal(signal.shape)
-            signal = signal + np.sqrt(self._variance(signal)) * noise
+            signal = signal + self._averaged(np.sqrt(self._variance(signal)) * noise)
         signal = self._electronics(signal * (self.strengths.of("gain") / nominal.gain))
         ceiling = readout.top(self.strengths)
         if self.strengths.acting("gamma"):
             signal = readout.tone(signal, self.strengths.of("gamma"), ceiling)
         dn = np.clip(signal + self.strengths.of("black_level"), 0.0, ceiling)
-        dn = readout.smooth(dn, self.strengths.of("smoothing"))
+        dn = _blurred(dn, self.strengths.of("smoothing"), nominal.smoothing_px)
         dn = outside.compress(dn, self.strengths.of("block_compression"))
         return readout.whole(dn, nominal.bit_depth)
 
@@ -154,7 +158,7 @@ class _Injection:
             return signal
         rng = self.draws.of_scene(f"{self.side}/injected speckle")
         factor = speckle.grain(signal.shape, contrast, self.strengths.nominal, rng)
-        return signal + dots_alone(signal) * (factor - 1.0)
+        return signal + self._averaged(dots_alone(signal) * (factor - 1.0))
 
     def _through_optics(self, signal: Image) -> Image:
         """Apply what is linear, and put back the noise that it took away."""
@@ -163,20 +167,20 @@ class _Injection:
             return signal
         seen = self._optics(signal)
         rng = self.draws.of_frame(f"{self.side}/injected optics")
-        probe = rng.standard_normal(signal.shape)
+        probe = self._averaged(rng.standard_normal(signal.shape))
         lift = np.full(signal.shape, _PROBE_LIFT)
         left = self._optics(probe + lift) - self._optics(lift)
-        share = ndimage.gaussian_filter(left**2, _PROBE_PX)
+        share = ndimage.gaussian_filter(left**2, _PROBE_PX) / (probe**2).mean()
         missing = self._variance(seen) - share * self._variance(signal)
-        return seen + np.sqrt(np.clip(missing, 0.0, None)) * rng.standard_normal(signal.shape)
+        noise = np.sqrt(np.clip(missing, 0.0, None)) * rng.standard_normal(signal.shape)
+        return seen + self._averaged(noise)
 
     def _optics(self, signal: Image) -> Image:
         nominal = self.strengths.nominal
         exponent = self.strengths.of("vignetting")
         if exponent != 0.0:
             signal = signal * lens.vignetting(nominal, exponent)
-        added_px = (self.strengths.of("lens_blur") ** 2 - nominal.lens_blur_px**2) ** 0.5
-        signal = psf.blur(signal, psf.kernel("disc", added_px))
+        signal = _blurred(signal, self.strengths.of("lens_blur"), nominal.lens_blur_px, "disc")
         signal, glare = lens.veil(signal, np.zeros_like(signal), self.strengths.of("veil"))
         where = alignment.of_side(self.side, self.strengths)
         black = nominal.black_level_dn  # Landing cuts off what is below 0, and noise is.
@@ -189,7 +193,7 @@ class _Injection:
         return imager.share_charge(landed, self.strengths.of("crosstalk"))
 
     def _variance(self, signal: Image) -> Image:
-        """Temporal variance [DN^2] of the real camera at a signal: photon transfer."""
+        """Temporal variance [DN^2] of a pixel at a signal, before averaging: photon transfer."""
         nominal = self.strengths.nominal
         dn_per_e = nominal.dn_per_e * nominal.gain
         level = ndimage.gaussian_filter(np.clip(signal, 0.0, None), 1.0)
@@ -199,7 +203,7 @@ class _Injection:
     def _electronics(self, signal: Image) -> Image:
         strengths = self.strengths
         dn_per_e = readout.dn_per_e(strengths)
-        charge_e = signal / dn_per_e
+        image_e = charge_e = signal / dn_per_e
         added_e = (strengths.of("read_noise") ** 2 - strengths.nominal.read_noise_e**2) ** 0.5
         if added_e != 0.0:
             rng = self.draws.of_frame(f"{self.side}/injected read")
@@ -212,7 +216,19 @@ class _Injection:
             charge_e = np.where(hot, strengths.of("saturation"), charge_e)
         rain, full_e = strengths.of("column_rain"), strengths.of("saturation")
         charge_e = outside.column_rain(charge_e, rain, full_e, self.side, self.draws)
-        return charge_e * dn_per_e
+        full = (readout.top(strengths) - strengths.of("black_level")) / dn_per_e
+        # Averaged are codes, which end at the ceiling.
+        made_e = np.minimum(charge_e, full) - np.minimum(image_e, full)
+        return signal + dn_per_e * self._averaged(made_e)
+
+    def _averaged(self, added: Image) -> Image:
+        """What the device's averaging of codes leaves of what is added to them before."""
+        return _blurred(added, self.strengths.nominal.smoothing_px, 0.0)
+
+
+def _blurred(image: Image, sigma_px: float, has_px: float, shape: psf.Shape = "gaussian") -> Image:
+    """Blur what has a blur already to a wider one."""
+    return psf.blur(image, psf.kernel(shape, (sigma_px**2 - has_px**2) ** 0.5))
 
 
 def dots_alone(signal: Image) -> Image:

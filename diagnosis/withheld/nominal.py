@@ -25,6 +25,7 @@ _MAY_BE_ZERO = {
     "read_noise_e",
     "shot_noise",
     "lens_blur_px",
+    "smoothing_px",
     "projector_x_m",
 }
 
@@ -58,6 +59,7 @@ class Nominal:
     pixel_pitch_m: float | None = None
     f_number: float | None = None
     wavelength_nm: float | None = None
+    smoothing_px: float = 0.0  # Gaussian sigma by which the device averages codes.
     # The pages do not say where lens and projector are focused; near defocus's figures ask for 1 m.
     lens_focus_m: float = 1.0
     projector_focus_m: float = 1.0

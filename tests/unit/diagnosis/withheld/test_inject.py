@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.withheld import inject
+from diagnosis.withheld import inject, psf
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.chain import Pair
 from diagnosis.withheld.errors import WithheldError
@@ -89,6 +89,69 @@ def test_noise_stays_as_photon_transfer_has_it(name: str, value: float, real: No
     assert (outs[0] - outs[1]).var() / 2 == pytest.approx(variance, rel=0.08)
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("column_noise", 200.0),
+        ("hot_pixels", 0.01),
+        ("column_rain", 0.05),
+        ("crosstalk", 0.3),
+        ("lens_blur", 1.2),
+        ("veil", 0.1),
+        ("vignetting", 3.0),
+    ],
+)
+def test_a_device_that_averages_codes_averages_what_is_put_in(
+    name: str, value: float, real: Nominal
+) -> None:
+    """Law: put into averaged images an effect makes what averaging makes of images with it."""
+    effect: dict[str, Any] = {name: value}
+    quiet = dataclasses.replace(real, read_noise_e=0.0, shot_noise=0.0)
+    rng = np.random.default_rng(1)
+    sharp = np.clip(rng.normal(60, 12, SHAPE), 0, 255).round().astype(np.uint8)
+    spot = psf.kernel("gaussian", 0.6)
+    averaged = psf.blur(sharp.astype(float), spot)
+    want = psf.blur(_into(sharp, quiet, **effect).left.astype(float), spot)
+    device = dataclasses.replace(quiet, smoothing_px=0.6)
+    got = _into(averaged.round().astype(np.uint8), device, **effect).left.astype(float)
+    inner = np.s_[3:-3, 3:-3]
+    rounding = (3 / 12) ** 0.5
+    assert (got - want)[inner].std() < rounding
+    assert (want - averaged)[inner].std() > 1.1 * rounding
+    if name in {"column_noise", "hot_pixels", "column_rain"}:
+        sharp_too = _into(averaged.round().astype(np.uint8), quiet, **effect).left
+        assert (sharp_too - want)[inner].std() > 5 * rounding
+
+
+def test_noise_is_averaged_as_the_device_averages_it(real: Nominal) -> None:
+    """Law: noise keeps the sum of the spot's squares, and neighbours share what overlaps."""
+    device = dataclasses.replace(real, smoothing_px=0.6)
+    flat = np.full(SHAPE, 70, np.uint8)
+    spot = psf.kernel("gaussian", 0.6)
+    kept = float((spot**2).sum())
+    beside = float((spot[:, 1:] * spot[:, :-1]).sum()) / kept
+
+    def check(added: np.ndarray, variance: float) -> None:
+        assert added.var() - 1 / 12 == pytest.approx(kept * variance, rel=0.06)
+        along = (added[:, 1:] * added[:, :-1]).mean() / (added.var() - 1 / 12)
+        assert along == pytest.approx(beside, abs=0.04)
+
+    check(_into(flat, device, read_noise=120.0).left - 70.0, 0.05**2 * (120.0**2 - 30.0**2))
+    again = inject.inject(flat, flat, {}, device, seed=5, exposed_again=True).right
+    check(again - 70.0, 0.05 * 60 + 1.5**2)
+
+
+def test_averaging_is_made_wider(real: Nominal) -> None:
+    """Law: what was averaged by 0.6 px and is put in 1 px is as what is averaged by 1 px."""
+    rng = np.random.default_rng(2)
+    sharp = rng.normal(90, 20, SHAPE)
+    once, wide = (psf.blur(sharp, psf.kernel("gaussian", px)) for px in (0.6, 1.0))
+    device = dataclasses.replace(real, smoothing_px=0.6)
+    got = _into(once.round().astype(np.uint8), device, smoothing=1.0).left
+    inner = np.s_[5:-5, 5:-5]
+    assert (got - wide)[inner].std() < 0.1 * (once - wide)[inner].std()
+
+
 def test_blur_widens_a_line(real: Nominal) -> None:
     """Law: the variance of a line's profile grows by sigma^2."""
     quiet = dataclasses.replace(real, read_noise_e=0.0, shot_noise=0.0)
@@ -152,7 +215,7 @@ def test_effects_outside_the_table(real: Nominal) -> None:
     flat = np.full(SHAPE, 60, np.uint8)
     quiet = dataclasses.replace(real, read_noise_e=0.0, shot_noise=0.0)
 
-    def of(image: np.ndarray = flat, **values: float) -> tuple[np.ndarray, np.ndarray]:
+    def of(image: np.ndarray = flat, **values: Any) -> tuple[np.ndarray, np.ndarray]:
         pair = _into(image, quiet, **values)
         return pair.left.astype(float) - image, pair.right.astype(float) - image
 
@@ -204,3 +267,5 @@ def test_refusals(real: Nominal) -> None:
         _into(image, real, right=image[:-1], gain=2.0)
     with pytest.raises(WithheldError, match="lens_blur must not be below nominal"):
         _into(image, dataclasses.replace(real, lens_blur_px=0.5), lens_blur=0.3)
+    with pytest.raises(WithheldError, match="smoothing must not be below nominal"):
+        _into(image, dataclasses.replace(real, smoothing_px=0.6), smoothing=0.3)

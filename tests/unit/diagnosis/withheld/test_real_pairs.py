@@ -86,7 +86,7 @@ def test_what_the_camera_has_is_drawn_only_where_it_is_told_how_much(pairs: Real
     pairs.prepare()
     assert {"read_noise", "veil"} <= pairs.effects
     assert not {"vignetting", "gamma", "ambient", "body_offset"} & pairs.effects
-    assert pairs.upwards == {"lens_blur", "read_noise"}
+    assert pairs.upwards == {"lens_blur", "read_noise", "smoothing"}
     assert {"gain", "black_level"} <= pairs.effects
     path = pairs.folder / "camera" / "nominal.json"
     told = json.loads(path.read_text())
