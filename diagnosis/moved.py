@@ -13,7 +13,7 @@ _CALM_DISPARITY_PX = 1.0  # or so many pixels of disparity: patches of a matcher
 _WILD_PX = 0.5  # Noise from which on wrong matches alone are as many.
 
 
-def images(repeats: NDArray[np.unsignedinteger]) -> bool:
+def images(repeats: NDArray[np.unsignedinteger | np.float32]) -> bool:
     """Look at infrared.
 
     What is left of the differences after a common factor is compared with what noise of the size

@@ -14,6 +14,7 @@ from diagnosis import moved
 from patterns.errors import refuse
 from sim import measurement
 from sim.capture import CapturedScene, Frame, GreyImage
+from sim.imager import smoothing
 from sim.imager.exposure import Exposure, recorded
 from sim.parts.imager import BIT_DEPTHS, Imager
 from sim.sensor import Sensor
@@ -21,7 +22,7 @@ from sim.sensor import Sensor
 if TYPE_CHECKING:  # Loads a compiler.
     from sim.matching.memory import Memory
 
-Images = NDArray[np.unsignedinteger]
+Images = NDArray[np.unsignedinteger | np.float32]  # Not whole codes where laid onto others.
 Maps = NDArray[np.float32]
 
 
@@ -185,7 +186,9 @@ def _noisier(images: Images, imager: Imager, rng: np.random.Generator) -> Images
     scale = imager.dn_per_electron
     signal = np.maximum(images - imager.black_level_dn, 0.0)
     variance = imager.shot_noise**2 * scale * signal + (scale * imager.read_noise_e) ** 2
-    codes = np.rint(images + np.sqrt(variance) * rng.standard_normal(images.shape))
+    noise = (np.sqrt(variance) * rng.standard_normal(images.shape)).astype(np.float32)
+    averaged = np.stack([smoothing.smoothed(one, imager.smoothing_px) for one in noise])
+    codes = np.rint(images + averaged)
     ceiling = max(2**imager.bit_depth - 1, int(images.max()))  # Images may have more bits.
     return np.clip(codes, 0, ceiling).astype(images.dtype)
 

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from diagnosis import estimated, nuisances, projector_frame
 from diagnosis.estimated import Estimates
 from diagnosis.ground import Ground, ground
+from diagnosis.laid_on import Simulated, laid_on
 from diagnosis.nuisances import Nuisances
 from diagnosis.reading import (
+    Images,
     Maps,
     Reading,
     alike,
@@ -43,6 +45,9 @@ from sim.stage import Stage
 # A difference is asked for, and noise is common.
 _SAMPLES = 4  # Paths of indirect light,
 _STEP_PX = 2.0  # and image motion between the moments of one exposure.
+_FINER_BITS = 8  # That codes are simulated with where they are not to be rounded.
+
+_Exact = tuple[NDArray[np.float32], NDArray[np.float32]]  # Left and right image (h, w) [DN].
 
 
 @dataclass(slots=True, eq=False)
@@ -64,16 +69,22 @@ class Subject:
     _memory: Memory = field(repr=False)  # Of the captured pairs' searches.
     # Rendered last with effects set, by those effects: draws of noise share what is rendered.
     _last: dict[tuple[tuple[str, Value], ...], Layers] = field(default_factory=dict, repr=False)
+    # Pairs without effects, by seed: what those with effects are compared with, and others.
+    _plain: dict[int, list[_Exact]] = field(default_factory=dict, repr=False)
 
     def simulate(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
         """Simulate the scene with effects set; equal seeds share all noise.
+
+        Beside other captures that is those captures, with what effects do laid onto them.
 
         Args:
             settings: value by effect's name, as `sim.effects.setting.apply` takes them.
             seed: of noise.
         """
-        sensor, pairs = self._pairs(settings, seed)
-        return _put_out(sensor, pairs)
+        if self.against is None or self.against.left is None or self.against.right is None:
+            sensor, pairs = self._pairs(settings, seed)
+            return _put_out(sensor, pairs)
+        return self._beside(self.against.left, self.against.right, settings, seed)
 
     def measure(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
         """Simulate what a device without infrared gives; its matcher reads all bits that it has."""
@@ -102,7 +113,9 @@ class Subject:
         scene = self.estimates[number]()
         stage = Stage(scene)
         layers = _traced(stage, self.sensor)
-        return dataclasses.replace(self, scene=scene, _stage=stage, _layers=layers, _last={})
+        return dataclasses.replace(
+            self, scene=scene, _stage=stage, _layers=layers, _last={}, _plain={}
+        )
 
     def another(self, number: int) -> Subject:
         """The scene before another device of the kind: other fixed patterns, other faulty dots.
@@ -120,7 +133,7 @@ class Subject:
         layers = self._layers
         if faulty:
             layers = _traced(self._stage, sensor)
-        return dataclasses.replace(self, sensor=sensor, _layers=layers, _last={})
+        return dataclasses.replace(self, sensor=sensor, _layers=layers, _last={}, _plain={})
 
     def expose_again(self, *, seed: int) -> Reading:
         """What the captures are compared with, with the noise of one more exposure.
@@ -192,6 +205,49 @@ class Subject:
             for frame in range(self.frames)
         ]
 
+    def _beside(
+        self, left: Images, right: Images, settings: Mapping[str, Value], seed: int
+    ) -> Reading:
+        """Captured pairs with what effects do to simulated ones."""
+        if seed not in self._plain:
+            self._plain.clear()
+            _, self._plain[seed] = self._exact({}, seed, 4 * self.frames)
+        sensor, changed = self._exact(settings, seed, self.frames)
+        plain, frames = self._plain[seed], self.frames
+        parts = [plain[first : first + frames] for first in range(0, len(plain), frames)]
+        ceiling = max(2**sensor.left.bit_depth - 1, int(left.max()))
+        laid = []
+        for side, images in enumerate((left, right)):
+            simulated = [
+                Simulated(
+                    without=own[side],
+                    again=again[side],
+                    changed=one[side],
+                    noise=(third[side] - fourth[side]) / np.float32(np.sqrt(2)),
+                )
+                for own, again, third, fourth, one in zip(*parts, changed, strict=True)
+            ]
+            each = zip(images, simulated, strict=False)  # There may be fewer captured.
+            laid.append(np.stack([laid_on(image, of, ceiling=ceiling) for image, of in each]))
+        codes = np.uint8 if ceiling < 2**8 else np.uint16
+        first, second = (np.rint(images[:1]).astype(codes) for images in laid)
+        ours_px = matched(first, second, sensor)
+        return Reading(left=laid[0], right=laid[1], ours_px=ours_px, device_px=None)
+
+    def _exact(
+        self, settings: Mapping[str, Value], seed: int, frames: int
+    ) -> tuple[Sensor, list[_Exact]]:
+        """Simulated pairs [DN] of so many frames with the bits that codes lack."""
+        sensor, scene, layers = self._set(settings)
+        fine = _with_bits(sensor, _FINER_BITS)
+        scale = np.float32(2.0 ** (sensor.left.bit_depth - fine.left.matched_bits))
+        own, found = self._noise(seed), []
+        for frame in range(frames):
+            pair = simulate.infrared(layers, scene, fine, seed=own, frame=frame)
+            assert pair.matched_right is not None
+            found.append((pair.matched_left * scale, pair.matched_right * scale))
+        return sensor, found
+
 
 @lru_cache(maxsize=4)
 def _on_sensor(base: Sensor, settings: tuple[tuple[str, Value], ...]) -> Sensor:
@@ -201,6 +257,13 @@ def _on_sensor(base: Sensor, settings: tuple[tuple[str, Value], ...]) -> Sensor:
 
 def _traced(stage: Stage, sensor: Sensor) -> Layers:
     return simulate.rendered(stage, sensor, samples=_SAMPLES, step_px=_STEP_PX)
+
+
+def _with_bits(sensor: Sensor, dropped: int) -> Sensor:
+    left, right = (
+        dataclasses.replace(imager, dropped_bits=dropped) for imager in (sensor.left, sensor.right)
+    )
+    return dataclasses.replace(sensor, left=left, right=right)
 
 
 def _put_out(sensor: Sensor, pairs: Sequence[simulate.Pair]) -> Reading:
@@ -276,7 +339,9 @@ def retaken(of: Subject, captured: CapturedScene, *, against: Reading | None) ->
     if against is not None:
         real, against = alike(real, against)
     memory = Memory(_searches(real, against))
-    return dataclasses.replace(of, real=real, against=against, frames=real.repeats, _memory=memory)
+    return dataclasses.replace(
+        of, real=real, against=against, frames=real.repeats, _memory=memory, _plain={}
+    )
 
 
 def of_scene(

@@ -23,7 +23,7 @@ def of_image(reading: Reading, ground: Ground, *, ceiling: float) -> Features:
     assert reading.left is not None and reading.right is not None and reading.ours_px is not None
     left, right = (image[0].astype(np.float32) for image in (reading.left, reading.right))
     beside = shifts.warped(right, ground.disparity_px)
-    found = levels.levels(left, ground, ceiling)
+    found = levels.levels(np.rint(left), ground, ceiling)
     found |= _named("right", levels.levels(beside, ground, ceiling))
     found |= texture.texture(left, ground)
     found |= _named("right", texture.texture(beside, ground, ("radius",)))

@@ -91,6 +91,10 @@ def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likeliho
     if table.arm is not Arm.DEPTH and base.against is not None:
         beside = table.simulated({}, seed=OTHER + 1)
         assert beside is not None
+    if table.arm is Arm.IMAGE and base.against is not None:
+        # What is laid onto captured images has their noise, and another reading has noise anew.
+        other = other - base.against + table.exposed(seed=OTHER)
+        beside = table.exposed(seed=OTHER + 1)
     return table, real, base.drawn(beside).likelihood(other, weight)
 
 

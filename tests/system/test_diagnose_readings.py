@@ -160,6 +160,25 @@ def test_what_is_learnt_from_are_the_holes_that_how_far_is_told_of(place):
     np.testing.assert_array_equal(one.physics(settings, seeds=(0, 1)).ndp, np.mean(own, 0))
 
 
+def test_beside_other_captures_effects_are_laid_onto_those(place):
+    """What an effect does to a capture's own images is what the effect does to the camera."""
+    scene = capture.open_set(place / "null").scenes[0]
+    alone, beside = (subject.subject(scene, sensor(), against=one) for one in (None, scene))
+    base = beside.simulate({}, seed=0)
+    assert beside.against is not None
+    np.testing.assert_array_equal(base.left, beside.against.left)
+    np.testing.assert_array_equal(base.ours_px, beside.against.ours_px)
+    for settings in ({"gamma": 1.3}, {"quantisation": 10}, {"read_noise": 60.0}):
+        laid, simulated = (one.simulate(settings, seed=1) for one in (beside, alone))
+        for found, wanted in ((laid.left, simulated.left), (laid.right, simulated.right)):
+            assert found.mean() == pytest.approx(wanted.mean(), rel=0.01)
+            fine = [cv2.Laplacian(one[0].astype(np.float32), cv2.CV_32F) for one in (found, wanted)]
+            assert fine[0].std() == pytest.approx(fine[1].std(), rel=0.05)
+        both = np.isfinite(laid.ours_px) & np.isfinite(simulated.ours_px)
+        assert both.mean() > 0.5
+        assert np.median(np.abs(laid.ours_px - simulated.ours_px)[both]) < 0.2
+
+
 def test_what_does_not_differ_is_rendered_once(place, monkeypatch):
     scene = capture.open_set(place / "null").scenes[0]
     one, fresh = (subject.subject(scene, sensor()) for _ in range(2))

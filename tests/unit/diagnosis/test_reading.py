@@ -11,6 +11,7 @@ from diagnosis import reading
 from patterns.errors import InputError
 from sim import sensors
 from sim.capture import Frame
+from sim.imager import smoothing
 from sim.sensor_edits import with_values
 
 SHAPE = (96, 160)
@@ -95,3 +96,26 @@ def test_without_projector_the_pairs_that_were_captured_so_are_taken():
     np.testing.assert_array_equal(off.left[0], frame.ir_left_off)
     plain = Frame(number=0, ir_left=image(50), ir_right=image(60))
     assert not read(plain, sensor=DARK).unlit
+
+
+def test_one_more_exposure_is_averaged_as_the_device_averages_codes():
+    """Law: noise keeps the square of what averaging along an axis keeps, and is correlated."""
+    device = with_values(SENSOR, [("imager.smoothing_px", 0.6)])
+    flat = np.full((1, 400, 400), 80, np.uint8)
+    still = reading.Reading(left=flat, right=flat, ours_px=None, device_px=None)
+
+    def added(sensor: Any) -> np.ndarray:
+        found = reading.exposed_again(still, sensor, np.random.default_rng(3)).left
+        assert found is not None and found.dtype == np.uint8
+        return found[0].astype(float) - 80
+
+    rounding = 1 / 12
+    alone, averaged = added(SENSOR), added(device)
+    point = np.zeros((11, 11), np.float32)
+    point[5, 5] = 1
+    spot = smoothing.smoothed(point, 0.6)
+    kept = float((spot**2).sum())
+    assert averaged.var() - rounding == pytest.approx(kept * (alone.var() - rounding), rel=0.05)
+    beside = (averaged[:, 1:] * averaged[:, :-1]).mean() / (averaged.var() - rounding)
+    assert beside == pytest.approx(float((spot[:, 1:] * spot[:, :-1]).sum()) / kept, abs=0.02)
+    assert abs((alone[:, 1:] * alone[:, :-1]).mean()) < 0.03

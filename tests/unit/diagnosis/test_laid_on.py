@@ -1,0 +1,125 @@
+"""What an effect does to a simulated image, laid onto one with texture that simulation lacks."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+
+from diagnosis.laid_on import Simulated, laid_on
+
+SHAPE = (240, 640)
+Do = Callable[[np.ndarray, np.random.Generator], np.ndarray]
+
+
+def scene(texture: float) -> np.ndarray:
+    """Dots on a ground, with texture or without."""
+    rng = np.random.default_rng(1)
+    dots = np.zeros(SHAPE)
+    dots[rng.integers(0, SHAPE[0], 3000), rng.integers(0, SHAPE[1], 3000)] = 300
+    rough = cv2.GaussianBlur(rng.standard_normal(SHAPE), (0, 0), 2)
+    return 30 + cv2.GaussianBlur(dots, (0, 0), 1.0) + 40 * texture * rough
+
+
+def blurred(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return cv2.GaussianBlur(image, (0, 0), 0.7) + noise(rng)
+
+
+def lower(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    size = (SHAPE[1], SHAPE[0])
+    shift = np.array([[1, 0, 0], [0, 1, 0.5]])
+    return cv2.warpAffine(image, shift, size, flags=cv2.INTER_CUBIC) + noise(rng)
+
+
+def smoothed(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return cv2.GaussianBlur(image + noise(rng), (0, 0), 0.6)
+
+
+def noisier(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return image + noise(rng) + 2 * noise(rng)
+
+
+def brighter(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return 255 * (np.clip(image + noise(rng), 0, 255) / 255) ** (1 / 1.3)
+
+
+def plain(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return image + noise(rng)
+
+
+def noise(rng: np.random.Generator) -> np.ndarray:
+    return 2 * rng.standard_normal(SHAPE)
+
+
+def taken(texture: float, do: Do, seed: int) -> np.ndarray:
+    return np.rint(exact(texture, do, seed)).astype(np.uint8)
+
+
+def exact(texture: float, do: Do, seed: int) -> np.ndarray:
+    return np.clip(do(scene(texture), np.random.default_rng(seed)), 0, 255).astype(np.float32)
+
+
+def simulated(do: Do) -> Simulated:
+    """Without texture, by noise of its own."""
+    return Simulated(
+        without=exact(0.0, plain, 7),
+        again=exact(0.0, plain, 8),
+        changed=exact(0.0, do, 7),
+        noise=noise(np.random.default_rng(9)).astype(np.float32),
+    )
+
+
+def sharpness(image: np.ndarray) -> float:
+    return float(np.abs(cv2.Laplacian(image.astype(np.float32), cv2.CV_32F)).mean())
+
+
+@pytest.mark.parametrize("do", [blurred, lower, smoothed, noisier, brighter])
+def test_a_textured_image_answers_as_it_would_to_the_effect_itself(do):
+    """In level and sharpness; what is not drawn anew pixel by pixel too."""
+    captured, wanted = taken(1.0, plain, 5), taken(1.0, do, 5)
+    found = laid_on(captured, simulated(do), ceiling=255)
+    assert found.dtype == np.float32
+    assert found.mean() == pytest.approx(wanted.mean(), rel=0.01)
+    assert sharpness(found) == pytest.approx(sharpness(wanted), rel=0.04)
+    if do not in {blurred, noisier}:  # A lens blurs no noise: what is missing is made.
+        off, change = (
+            float(np.sqrt(np.mean((one.astype(float) - wanted) ** 2))) for one in (found, captured)
+        )
+        assert off < 0.4 * change
+
+
+def test_where_simulation_does_not_differ_nothing_does():
+    captured = taken(1.0, plain, 5)
+    np.testing.assert_array_equal(laid_on(captured, simulated(plain), ceiling=255), captured)
+
+
+def test_what_is_added_stays_where_it_is_and_codes_within_their_range():
+    captured, made = taken(1.0, plain, 5), simulated(plain)
+    changed = made.without.copy()
+    changed[100, 200] = 255
+    found = laid_on(captured, dataclasses.replace(made, changed=changed), ceiling=255)
+    added = 255 - made.without[100, 200]
+    assert found[100, 200] == pytest.approx(captured[100, 200] + added, rel=0.03)
+    off = np.abs(np.rint(found) - captured)
+    off[100, 200] = 0
+    assert off.max() <= 2 and off.mean() < 0.1
+    brighter = dataclasses.replace(made, changed=made.without / 2 + 127)
+    assert laid_on(captured, brighter, ceiling=255).max() <= 255
+
+
+def test_what_shifts_otherwise_to_either_side_is_told_block_by_block():
+    """A magnification of one in a thousand moves dots by a third of a pixel at the sides."""
+
+    def grown(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        turn = cv2.getRotationMatrix2D((320, 120), 0, 1.001)
+        return cv2.warpAffine(image, turn, SHAPE[::-1], flags=cv2.INTER_CUBIC) + noise(rng)
+
+    captured, wanted = taken(1.0, plain, 5), taken(1.0, grown, 5)
+    found = laid_on(captured, simulated(grown), ceiling=255)
+    off, change = (
+        float(np.sqrt(np.mean((one.astype(float) - wanted) ** 2))) for one in (found, captured)
+    )
+    assert off < 0.75 * change
