@@ -35,6 +35,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 Image = NDArray[np.floating]
+Pair = tuple[Image, Image]  # Left and right image (h, w) [DN], not rounded.
 Spectrum = NDArray[np.floating] | NDArray[np.complexfloating]
 
 _TILE_PX = 32  # Of the spectra,
@@ -47,7 +48,10 @@ _MOST = 4.0  # Times the noise that is added,
 _LEAST = 0.2  # and share of the captured image that is left at least.
 _WINDOW = np.outer(np.hanning(_TILE_PX), np.hanning(_TILE_PX)).astype(np.float32)
 _ROUNDING = float((_WINDOW**2).sum()) / 12  # Power of the noise of whole codes.
-_BANDS = 8  # In which powers are compared.
+_BANDS = 8  # In which powers are compared,
+_RADIUS = np.hypot(fftfreq(_TILE_PX)[:, None], rfftfreq(_TILE_PX)[None])  # [1 / px]
+_EDGES = np.linspace(0.0, _RADIUS.max() + 1e-9, _BANDS + 1)  # by how fine they are.
+_BAND = (np.digitize(_RADIUS, _EDGES) - 1).ravel()
 _LEVELS = 24  # Of the curve.
 
 
@@ -88,6 +92,43 @@ def laid_on(captured: NDArray, simulated: Simulated, *, ceiling: float) -> NDArr
     rest = cv2.filter2D(rest, -1, _kernel(less)) + cv2.filter2D(noise, -1, _kernel(more))
     laid = filtered + np.interp(filtered, levels, step) + rest
     return np.clip(laid, 0, ceiling).astype(np.float32)
+
+
+def pairs_laid_on(
+    captured: tuple[NDArray, NDArray],
+    without: Sequence[Pair],
+    changed: Sequence[Pair],
+    *,
+    ceiling: float,
+) -> list[Image]:
+    """Lay what an effect does to simulated pairs onto captured ones.
+
+    Args:
+        captured: left and right images (n, h, w), codes.
+        without: simulated without the effect; four times as many as with it, the first of them by
+            the same noise.
+        changed: simulated with it, n or more.
+        ceiling: largest code.
+
+    Returns:
+        Left and right images (n, h, w) as of `laid_on`.
+    """
+    frames = len(changed)
+    parts = [without[first : first + frames] for first in range(0, len(without), frames)]
+    laid = []
+    for side, images in enumerate(captured):
+        simulated = [
+            Simulated(
+                without=own[side],
+                again=again[side],
+                changed=one[side],
+                noise=(third[side] - fourth[side]) / np.float32(np.sqrt(2)),
+            )
+            for own, again, third, fourth, one in zip(*parts, changed, strict=True)
+        ]
+        each = zip(images, simulated, strict=False)  # There may be fewer captured.
+        laid.append(np.stack([laid_on(image, of, ceiling=ceiling) for image, of in each]))
+    return laid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,17 +201,14 @@ def _powers(told: Sequence[_Told], noise: Image) -> tuple[Spectrum, Spectrum, Sp
     """Factors (h, w // 2 + 1) of noise, of the rest and of the captured image, alike in all blocks
     and directions, as chance has its part in every single frequency.
     """
-    radius = np.hypot(fftfreq(_TILE_PX)[:, None], rfftfreq(_TILE_PX)[None])
-    edges = np.linspace(0.0, radius.max() + 1e-9, _BANDS + 1)
-    band = np.digitize(radius, edges) - 1
 
     def by_band(power: Spectrum) -> Image:
-        found = np.bincount(band.ravel(), np.asarray(power).ravel(), _BANDS)
-        return found / np.bincount(band.ravel(), minlength=_BANDS)
+        found = np.bincount(_BAND, np.asarray(power).ravel(), _BANDS)
+        return found / np.bincount(_BAND, minlength=_BANDS)
 
     def root(share: Image, least: float, most: float) -> Image:
-        centres = 0.5 * (edges[1:] + edges[:-1])
-        return np.interp(radius, centres, np.sqrt(np.clip(share, least**2, most**2)))
+        centres = 0.5 * (_EDGES[1:] + _EDGES[:-1])
+        return np.interp(_RADIUS, centres, np.sqrt(np.clip(share, least**2, most**2)))
 
     missing, rest, filtered = (
         by_band(np.mean([getattr(block, name) for block in told], axis=0))

@@ -216,8 +216,13 @@ def matched(left: Images, right: Images, sensor: Sensor, *, memory: Memory | Non
 
 def as_captured(sensor: Sensor) -> Sensor:
     """The sensor whose matcher reads the images as they are captured, without finer bits."""
+    return with_bits(sensor, 0)
+
+
+def with_bits(sensor: Sensor, dropped: int) -> Sensor:
+    """The sensor whose converters have so many bits more than its images."""
     left, right = (
-        dataclasses.replace(imager, dropped_bits=0) for imager in (sensor.left, sensor.right)
+        dataclasses.replace(imager, dropped_bits=dropped) for imager in (sensor.left, sensor.right)
     )
     return dataclasses.replace(sensor, left=left, right=right)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from diagnosis import estimated, nuisances, projector_frame
 from diagnosis.estimated import Estimates
 from diagnosis.ground import Ground, ground
-from diagnosis.laid_on import Simulated, laid_on
+from diagnosis.laid_on import Pair, pairs_laid_on
 from diagnosis.nuisances import Nuisances
 from diagnosis.reading import (
     Images,
@@ -25,6 +25,7 @@ from diagnosis.reading import (
     matched,
     measured,
     read,
+    with_bits,
     written,
 )
 from learning.example import Physics
@@ -47,8 +48,6 @@ _SAMPLES = 4  # Paths of indirect light,
 _STEP_PX = 2.0  # and image motion between the moments of one exposure.
 _FINER_BITS = 8  # That codes are simulated with where they are not to be rounded.
 
-_Exact = tuple[NDArray[np.float32], NDArray[np.float32]]  # Left and right image (h, w) [DN].
-
 
 @dataclass(slots=True, eq=False)
 class Subject:
@@ -70,7 +69,7 @@ class Subject:
     # Rendered last with effects set, by those effects: draws of noise share what is rendered.
     _last: dict[tuple[tuple[str, Value], ...], Layers] = field(default_factory=dict, repr=False)
     # Pairs without effects, by seed: what those with effects are compared with, and others.
-    _plain: dict[int, list[_Exact]] = field(default_factory=dict, repr=False)
+    _plain: dict[int, list[Pair]] = field(default_factory=dict, repr=False)
 
     def simulate(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
         """Simulate the scene with effects set; equal seeds share all noise.
@@ -213,22 +212,8 @@ class Subject:
             self._plain.clear()
             _, self._plain[seed] = self._exact({}, seed, 4 * self.frames)
         sensor, changed = self._exact(settings, seed, self.frames)
-        plain, frames = self._plain[seed], self.frames
-        parts = [plain[first : first + frames] for first in range(0, len(plain), frames)]
         ceiling = max(2**sensor.left.bit_depth - 1, int(left.max()))
-        laid = []
-        for side, images in enumerate((left, right)):
-            simulated = [
-                Simulated(
-                    without=own[side],
-                    again=again[side],
-                    changed=one[side],
-                    noise=(third[side] - fourth[side]) / np.float32(np.sqrt(2)),
-                )
-                for own, again, third, fourth, one in zip(*parts, changed, strict=True)
-            ]
-            each = zip(images, simulated, strict=False)  # There may be fewer captured.
-            laid.append(np.stack([laid_on(image, of, ceiling=ceiling) for image, of in each]))
+        laid = pairs_laid_on((left, right), self._plain[seed], changed, ceiling=ceiling)
         codes = np.uint8 if ceiling < 2**8 else np.uint16
         first, second = (np.rint(images[:1]).astype(codes) for images in laid)
         ours_px = matched(first, second, sensor)
@@ -236,10 +221,10 @@ class Subject:
 
     def _exact(
         self, settings: Mapping[str, Value], seed: int, frames: int
-    ) -> tuple[Sensor, list[_Exact]]:
+    ) -> tuple[Sensor, list[Pair]]:
         """Simulated pairs [DN] of so many frames with the bits that codes lack."""
         sensor, scene, layers = self._set(settings)
-        fine = _with_bits(sensor, _FINER_BITS)
+        fine = with_bits(sensor, _FINER_BITS)
         scale = np.float32(2.0 ** (sensor.left.bit_depth - fine.left.matched_bits))
         own, found = self._noise(seed), []
         for frame in range(frames):
@@ -257,13 +242,6 @@ def _on_sensor(base: Sensor, settings: tuple[tuple[str, Value], ...]) -> Sensor:
 
 def _traced(stage: Stage, sensor: Sensor) -> Layers:
     return simulate.rendered(stage, sensor, samples=_SAMPLES, step_px=_STEP_PX)
-
-
-def _with_bits(sensor: Sensor, dropped: int) -> Sensor:
-    left, right = (
-        dataclasses.replace(imager, dropped_bits=dropped) for imager in (sensor.left, sensor.right)
-    )
-    return dataclasses.replace(sensor, left=left, right=right)
 
 
 def _put_out(sensor: Sensor, pairs: Sequence[simulate.Pair]) -> Reading:

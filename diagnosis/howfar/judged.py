@@ -88,7 +88,7 @@ def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likeliho
         other = other + table.finer(seed=OTHER)
     real = base.likelihood(table.real(), weight)
     beside = base.tables[-1]
-    if table.arm is not Arm.DEPTH and base.against is not None:
+    if table.arm is Arm.WHOLE and base.against is not None:
         beside = table.simulated({}, seed=OTHER + 1)
         assert beside is not None
     if table.arm is Arm.IMAGE and base.against is not None:
