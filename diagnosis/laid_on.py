@@ -18,8 +18,11 @@ Noise that one adds in quadrature to noise that is there makes images with the s
 less than it adds. What the image with the effect has of power, frequency by frequency, beyond h's
 and r's is made up for by noise of its own; where it has less, r and the captured image lose that.
 
+Where a curve alone makes the one with the effect of the one without, that comes first: a filter
+would take its mean slope for its own, and levels of a captured image may lie beyond the simulated.
+
 Codes are rounded after all that is done to them. That noise is what it was before: so simulated
-images are taken without it, and it is added to their powers.
+images are taken without it, and powers are compared of their whole codes.
 """
 
 from __future__ import annotations
@@ -52,7 +55,11 @@ _BANDS = 8  # In which powers are compared,
 _RADIUS = np.hypot(fftfreq(_TILE_PX)[:, None], rfftfreq(_TILE_PX)[None])  # [1 / px]
 _EDGES = np.linspace(0.0, _RADIUS.max() + 1e-9, _BANDS + 1)  # by how fine they are.
 _BAND = (np.digitize(_RADIUS, _EDGES) - 1).ravel()
-_LEVELS = 24  # Of the curve.
+_ENDS = (0.001, 0.004, 0.015)
+_SHARES = np.sort(
+    [*np.linspace(0, 1, 25), *_ENDS, *(1 - np.array(_ENDS))]
+)  # Of pixels, in a curve.
+_POINTWISE = 0.02  # Share of a change's power that a curve leaves where it is all there is.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,19 +85,25 @@ def laid_on(captured: NDArray, simulated: Simulated, *, ceiling: float) -> NDArr
     """
     if np.array_equal(simulated.without, simulated.changed):
         return captured.astype(np.float32)
-    images = (simulated.without, simulated.again, simulated.changed, simulated.noise)
-    seen, base, again, other, noise = (one.astype(np.float32) for one in (captured, *images))
+    made = (simulated.without, simulated.again, simulated.changed, simulated.noise)
+    seen, base, again, other, noise = (one.astype(np.float32) for one in (captured, *made))
+    whole, wanted = np.rint(base), np.rint(other)
+    bend = _curve(base, other - base)
+    if _power(other - bend.of(base)) < _POINTWISE * _power(other - base):
+        seen, whole = (bend.of(_between_codes(one)) for one in (seen, whole))
+        base, again = bend.of(base), bend.of(again)
+    images = (seen, base, again, other, whole, wanted)
     blocks = _blocks(seen.shape)
-    told = [_told(*(one[of.window] for one in (seen, base, again, other))) for of in blocks]
+    told = [_told(*(one[of.window] for one in images)) for of in blocks]
     more, less, quieter = _powers(told, noise)
     filtered, same = np.zeros_like(seen), np.zeros_like(base)
     for of, by in zip(blocks, told, strict=True):
         _add(filtered, seen, of, _kernel(by.response * quieter))
         _add(same, base, of, _kernel(by.response))
-    levels, step = _curve(same, other - same)
-    rest = other - same - np.interp(same, levels, step).astype(np.float32)
+    curve = _curve(same, other - same)
+    rest = other - same - curve.step(same)
     rest = cv2.filter2D(rest, -1, _kernel(less)) + cv2.filter2D(noise, -1, _kernel(more))
-    laid = filtered + np.interp(filtered, levels, step) + rest
+    laid = filtered + curve.step(filtered) + rest
     return np.clip(laid, 0, ceiling).astype(np.float32)
 
 
@@ -178,9 +191,15 @@ class _Told:
     filtered: Spectrum  # and that of the captured image, filtered.
 
 
-def _told(seen: Image, base: Image, again: Image, other: Image) -> _Told:
-    of_seen, of_base, of_again, of_other = map(_spectra, (seen, base, again, other))
-    power, wanted, there = (_mean(one, one).real for one in (of_base, of_other, of_seen))
+def _told(
+    seen: Image, base: Image, again: Image, other: Image, whole: Image, wanted: Image
+) -> _Told:
+    of_seen, of_base, of_again, of_other, of_whole, of_wanted = map(
+        _spectra, (seen, base, again, other, whole, wanted)
+    )
+    power, after, there, before, codes = (
+        _mean(one, one).real for one in (of_base, of_other, of_seen, of_whole, of_wanted)
+    )
     little = _SURE * power.mean() + 1e-12
     cross = _mean(of_base, of_other)
     of_noise = (cross + _ROUNDING) / (power + _ROUNDING)
@@ -191,8 +210,8 @@ def _told(seen: Image, base: Image, again: Image, other: Image) -> _Told:
     kept = np.abs(response) ** 2
     return _Told(
         response=response,
-        missing=wanted + _ROUNDING - kept * (power + _ROUNDING),
-        rest=wanted - 2 * (response.conj() * cross).real + kept * power,
+        missing=codes - kept * before,
+        rest=after - 2 * (response.conj() * cross).real + kept * power,
         filtered=kept * there,
     )
 
@@ -242,11 +261,45 @@ def _spectra(image: Image) -> Spectrum:
     return rfft2(_WINDOW * (tiles - tiles.mean((1, 2), keepdims=True)))
 
 
-def _curve(levels: Image, change: Image) -> tuple[Image, Image]:
-    """Mean change by level, at levels of equal shares of the pixels."""
-    ends = np.quantile(levels, np.linspace(0, 1, _LEVELS + 1))
-    which = np.clip(np.searchsorted(ends, levels.ravel(), side="right") - 1, 0, _LEVELS - 1)
-    count = np.bincount(which, minlength=_LEVELS)
+def _between_codes(image: Image) -> Image:
+    """Levels spread evenly over their codes: a curve would leave gaps between whole ones."""
+    rng = np.random.default_rng(0)
+    return image + rng.uniform(-0.5, 0.5, image.shape).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Curve:
+    """Mean change by level."""
+
+    levels: Image  # Rising.
+    change: Image
+
+    def step(self, image: Image) -> Image:
+        """Change of each pixel; beyond the levels that of the last."""
+        return np.interp(image, self.levels, self.change).astype(np.float32)
+
+    def of(self, image: Image) -> Image:
+        """The image changed; beyond the levels the curve goes on as it ends."""
+        if len(self.levels) == 1:
+            return image + self.step(image)
+        inside = np.clip(image, self.levels[0], self.levels[-1])
+        rise = np.diff(self.change) / np.diff(self.levels)
+        beyond = np.where(image < inside, 1 + rise[0], 1 + rise[-1]) * (image - inside)
+        return (inside + self.step(inside) + beyond).astype(np.float32)
+
+
+def _curve(levels: Image, change: Image) -> _Curve:
+    """Told in bins of equal shares of the pixels, and a few of the darkest and the brightest."""
+    ends = np.quantile(levels, _SHARES)
+    which = np.clip(np.searchsorted(ends, levels.ravel(), side="right") - 1, 0, len(ends) - 2)
+    count = np.bincount(which, minlength=len(ends) - 1)
     known = count > 0
-    at = np.bincount(which, levels.ravel(), _LEVELS)[known] / count[known]
-    return at, np.bincount(which, change.ravel(), _LEVELS)[known] / count[known]
+    at, mean = (
+        np.bincount(which, one.ravel(), len(ends) - 1)[known] / count[known]
+        for one in (levels, change)
+    )
+    return _Curve(at, mean)
+
+
+def _power(image: Image) -> float:
+    return float(np.var(image))

@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from diagnosis.withheld import (
     alignment,
+    bands,
     fixed_pattern,
     imager,
     lens,
@@ -25,6 +26,7 @@ from diagnosis.withheld.draws import Draws
 from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.nominal import Nominal
 from diagnosis.withheld.readout import Codes
+from diagnosis.withheld.unrounded import unrounded
 
 Image = NDArray[np.float64]
 
@@ -79,7 +81,8 @@ def inject(
 ) -> Pair:
     """Put effects into a real pair.
 
-    The real noise stays. Blurring and resampling a picture would average it away, which no lens
+    The real noise stays, but for that of whole codes, which are rounded anew. Blurring and
+    resampling a picture would average noise away, which no lens
     does: what the photon transfer of `nominal` says is missing is put back. An effect's own noise
     comes on top of the real one. Of `read_noise`, `lens_blur` and `smoothing` what exceeds
     `nominal`'s is added, in quadrature.
@@ -136,7 +139,7 @@ class _Injection:
         if not self.exposed_again and not any(self.strengths.acting(name) for name in EFFECTS):
             return image_dn
         nominal = self.strengths.nominal
-        signal = image_dn.astype(np.float64) - nominal.black_level_dn
+        signal = unrounded(image_dn) - nominal.black_level_dn
         signal = self._grain(signal)
         signal = self._through_optics(signal)
         if self.exposed_again:
@@ -172,25 +175,45 @@ class _Injection:
         left = self._optics(probe + lift) - self._optics(lift)
         share = ndimage.gaussian_filter(left**2, _PROBE_PX) / (probe**2).mean()
         missing = self._variance(seen) - share * self._variance(signal)
-        noise = np.sqrt(np.clip(missing, 0.0, None)) * rng.standard_normal(signal.shape)
-        return seen + self._averaged(noise)
+        white = bands.filtered(rng.standard_normal(signal.shape), _taken(probe, left))
+        noise = np.sqrt(np.clip(missing, 0.0, None)) * white / max(white.std(), 1e-9)
+        return seen + self._averaged(noise + self._blurred_grain(seen))
+
+    def _blurred_grain(self, seen: Image) -> Image:
+        """Speckle that blurring took away: its grain is the aperture's, whatever the lens blurs."""
+        nominal = self.strengths.nominal
+        if nominal.speckle_contrast == 0.0:
+            return np.zeros_like(seen)
+        rng = self.draws.of_scene(f"{self.side}/injected grain")
+        grain = speckle.grain(seen.shape, nominal.speckle_contrast, nominal, rng) - 1.0
+        return dots_alone(seen) * bands.filtered(
+            grain, _taken(grain, self._spot(self._lens(grain)))
+        )
 
     def _optics(self, signal: Image) -> Image:
         nominal = self.strengths.nominal
         exponent = self.strengths.of("vignetting")
         if exponent != 0.0:
             signal = signal * lens.vignetting(nominal, exponent)
-        signal = _blurred(signal, self.strengths.of("lens_blur"), nominal.lens_blur_px, "disc")
+        signal = self._lens(signal)
         signal, glare = lens.veil(signal, np.zeros_like(signal), self.strengths.of("veil"))
         where = alignment.of_side(self.side, self.strengths)
         black = nominal.black_level_dn  # Landing cuts off what is below 0, and noise is.
         landed = alignment.land(signal + glare + black, where, nominal) - black
         landed = outside.ghost(landed, self.strengths.of("lens_ghost"))
-        landed = outside.astigmatism(landed, self.strengths.of("astigmatism"), nominal)
+        landed = self._spot(landed)
         depth = self.strengths.of("finger_print")
         landed = outside.finger_print(landed, depth, self.side, self.draws)
         landed = outside.ramp(landed, self.strengths.of("brightness_ramp"), self.draws.frame)
         return imager.share_charge(landed, self.strengths.of("crosstalk"))
+
+    def _lens(self, signal: Image) -> Image:
+        has_px = self.strengths.nominal.lens_blur_px
+        return _blurred(signal, self.strengths.of("lens_blur"), has_px, "disc")
+
+    def _spot(self, signal: Image) -> Image:
+        spread = self.strengths.of("astigmatism")
+        return outside.astigmatism(signal, spread, self.strengths.nominal)
 
     def _variance(self, signal: Image) -> Image:
         """Temporal variance [DN^2] of a pixel at a signal, before averaging: photon transfer."""
@@ -229,6 +252,12 @@ class _Injection:
 def _blurred(image: Image, sigma_px: float, has_px: float, shape: psf.Shape = "gaussian") -> Image:
     """Blur what has a blur already to a wider one."""
     return psf.blur(image, psf.kernel(shape, (sigma_px**2 - has_px**2) ** 0.5))
+
+
+def _taken(before: Image, after: Image) -> NDArray[np.float64]:
+    """Amplitude that was taken from each band of an image."""
+    kept = bands.power(after) / np.maximum(bands.power(before), 1e-12)
+    return np.sqrt(np.clip(1.0 - kept, 0.0, 1.0))
 
 
 def dots_alone(signal: Image) -> Image:

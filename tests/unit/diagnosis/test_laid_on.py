@@ -91,6 +91,18 @@ def test_a_textured_image_answers_as_it_would_to_the_effect_itself(do):
         assert off < 0.4 * change
 
 
+def test_a_tone_curve_holds_of_levels_that_simulation_does_not_reach():
+    """Texture has darker places than the ground that simulation has in its place."""
+    captured, wanted = taken(1.0, plain, 5), taken(1.0, brighter, 5)
+    found = laid_on(captured, simulated(brighter), ceiling=255)
+    dark = captured <= np.quantile(captured, 0.002)
+    bright = captured >= np.quantile(captured, 0.998)
+    assert captured[dark].max() < exact(0.0, plain, 7).min()
+    assert (wanted[dark] - captured[dark].astype(float)).mean() > 10
+    assert found[dark].mean() == pytest.approx(wanted[dark].mean(), abs=1.5)
+    assert found[bright].mean() == pytest.approx(wanted[bright].mean(), abs=0.2)
+
+
 def test_where_simulation_does_not_differ_nothing_does():
     captured = taken(1.0, plain, 5)
     np.testing.assert_array_equal(laid_on(captured, simulated(plain), ceiling=255), captured)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.withheld import inject, psf
+from diagnosis.withheld import bands, inject, psf, speckle
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.chain import Pair
 from diagnosis.withheld.errors import WithheldError
@@ -168,6 +168,26 @@ def test_blur_widens_a_line(real: Nominal) -> None:
     assert variance(out) - variance(image) == pytest.approx(2.25, rel=0.03)
 
 
+def test_a_lens_blurs_no_speckle(real: Nominal) -> None:
+    """Law: blurred dots have grain as sharp ones have, as far as a camera's is known."""
+    quiet = dataclasses.replace(real, read_noise_e=0.0, shot_noise=0.0)
+    known = dataclasses.replace(quiet, speckle_contrast=0.25)
+    y, x = np.mgrid[:100, :150] % 12 - 6
+    dots = 100 * np.exp(-(x**2 + y**2) / 8.0)
+    grain = speckle.grain(SHAPE, 0.25, known, np.random.default_rng(4))
+    image = (30 + dots * grain).round().astype(np.uint8)
+
+    def finest(image: np.ndarray) -> float:
+        return float(bands.power(image.astype(float))[-12:].mean())
+
+    wanted = finest(30 + psf.blur(dots, psf.kernel("disc", 0.8)) * grain)
+    assert finest(_into(image, quiet, lens_blur=0.8).left) < 0.1 * wanted
+    assert finest(_into(image, known, lens_blur=0.8).left) == pytest.approx(wanted, rel=0.2)
+    spread = finest(_into(image, quiet, astigmatism=0.8).left)
+    assert spread < 0.5 * wanted
+    assert finest(_into(image, known, astigmatism=0.8).left) > 1.5 * spread
+
+
 def test_shifts_are_of_the_right_image(real: Nominal) -> None:
     y, x = np.mgrid[:100, :150]
     spot = 20 + 200 * np.exp(-((x - 70) ** 2 + (y - 50) ** 2) / 50.0)
@@ -181,9 +201,9 @@ def test_shifts_are_of_the_right_image(real: Nominal) -> None:
 
 
 def test_gain_scales_above_black(real: Nominal) -> None:
-    out = _into(_flat(real), real, gain=1.5)
-    assert out.left.mean() == pytest.approx(10 + 1.5 * 60, abs=0.2)
-    assert out.left.std() / _flat(real).std() == pytest.approx(1.5, rel=0.05)
+    out = _into(_flat(real), real, gain=1.6)
+    assert out.left.mean() == pytest.approx(10 + 1.6 * 60, abs=0.2)
+    assert out.left.std() / _flat(real).std() == pytest.approx(1.6, rel=0.05)
 
 
 def test_read_noise_is_added_in_quadrature(real: Nominal) -> None:
