@@ -8,15 +8,15 @@ as well, and what is put on top:
     with = t(h * without) + r
 
 h is a filter, told block by block, as what shifts or blurs may differ over the image; t the mean
-level that goes with each level; r the rest. Both simulated images have the same noise, and what is
-done to that is not what is done to the scene: a lens blurs one alone. So h is the cross-spectrum of
-the one with the effect and a third, without it and of other noise, over that third's with the one
-without (Bendat and Piersol, Random Data, 4th ed. 2010, section 7.1, where noise is only in what is
-measured), and where the scene has nothing to tell h by, what is done to noise.
+level that goes with each level; r the rest. What is done to the scene is not what is done to noise
+and speckle, which a lens does not blur. So both are told apart: the scene's filter by images that
+are simulated without noise and speckle, theirs by what that leaves of the others. A captured image
+may have more texture than a simulated one, and then more of it is scene: what it has beyond the
+simulated noise is filtered as the scene is, frequency by frequency.
 
 Noise that one adds in quadrature to noise that is there makes images with the same draws differ by
-less than it adds. What the image with the effect has of power, frequency by frequency, beyond h's
-and r's is made up for by noise of its own; where it has less, r and the captured image lose that.
+less than it adds. What the image with the effect should have of power beyond h's and r's is made up
+for by noise of its own; where it should have less, r and the captured image lose that.
 
 Where a curve alone makes the one with the effect of the one without, that comes first: a filter
 would take its mean slope for its own, and levels of a captured image may lie beyond the simulated.
@@ -45,12 +45,11 @@ _TILE_PX = 32  # Of the spectra,
 _REACH_PX = 8  # and how far the filters reach that these tell.
 _BLOCKS = 4  # Along either side at most, each of its own filter.
 _LEAST_PX = 3 * _TILE_PX  # Of a block's side.
-_SURE = 1e-3  # Share of the mean power below which a frequency keeps what it has.
-_NOISE = 0.3  # Share of the noise's power that what tells of the scene has to be above.
 _MOST = 4.0  # Times the noise that is added,
 _LEAST = 0.2  # and share of the captured image that is left at least.
 _WINDOW = np.outer(np.hanning(_TILE_PX), np.hanning(_TILE_PX)).astype(np.float32)
 _ROUNDING = float((_WINDOW**2).sum()) / 12  # Power of the noise of whole codes.
+_LITTLE = 1e-4 * _ROUNDING  # Power too weak to tell of anything.
 _BANDS = 8  # In which powers are compared,
 _RADIUS = np.hypot(fftfreq(_TILE_PX)[:, None], rfftfreq(_TILE_PX)[None])  # [1 / px]
 _EDGES = np.linspace(0.0, _RADIUS.max() + 1e-9, _BANDS + 1)  # by how fine they are.
@@ -67,9 +66,18 @@ class Simulated:
     """Images (h, w) of one scene and one imager [DN], not rounded."""
 
     without: Image  # The effect.
-    again: Image  # Likewise, by other noise.
-    changed: Image  # With the effect, by the first one's noise.
+    changed: Image  # With it, by the same noise.
+    still: Image  # Without it, noise and speckle,
+    still_changed: Image  # and with it alone.
     noise: Image  # Of one image without it, another than theirs.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Exposed:
+    """Simulated pairs of one scene, not rounded."""
+
+    pairs: Sequence[Pair]
+    still: Pair  # Without noise and speckle.
 
 
 def laid_on(captured: NDArray, simulated: Simulated, *, ceiling: float) -> NDArray:
@@ -85,21 +93,26 @@ def laid_on(captured: NDArray, simulated: Simulated, *, ceiling: float) -> NDArr
     """
     if np.array_equal(simulated.without, simulated.changed):
         return captured.astype(np.float32)
-    made = (simulated.without, simulated.again, simulated.changed, simulated.noise)
-    seen, base, again, other, noise = (one.astype(np.float32) for one in (captured, *made))
-    whole, wanted = np.rint(base), np.rint(other)
+    seen, base, other, still, moved, noise = (
+        one.astype(np.float32)
+        for one in (
+            *(captured, simulated.without, simulated.changed),
+            *(simulated.still, simulated.still_changed, simulated.noise),
+        )
+    )
+    codes, changed_codes = np.rint(base), np.rint(other)
     bend = _curve(base, other - base)
     if _power(other - bend.of(base)) < _POINTWISE * _power(other - base):
-        seen, whole = (bend.of(_between_codes(one)) for one in (seen, whole))
-        base, again = bend.of(base), bend.of(again)
-    images = (seen, base, again, other, whole, wanted)
+        seen, codes = (bend.of(_between_codes(one)) for one in (seen, codes))
+        base, still = bend.of(base), bend.of(still)
+    images = _Images(seen, base, other, still, moved, codes, changed_codes)
     blocks = _blocks(seen.shape)
-    told = [_told(*(one[of.window] for one in images)) for of in blocks]
+    told = [_told(images.within(of.window)) for of in blocks]
     more, less, quieter = _powers(told, noise)
     filtered, same = np.zeros_like(seen), np.zeros_like(base)
     for of, by in zip(blocks, told, strict=True):
         _add(filtered, seen, of, _kernel(by.response * quieter))
-        _add(same, base, of, _kernel(by.response))
+        _add(same, base, of, _kernel(by.simulated))
     curve = _curve(same, other - same)
     rest = other - same - curve.step(same)
     rest = cv2.filter2D(rest, -1, _kernel(less)) + cv2.filter2D(noise, -1, _kernel(more))
@@ -108,17 +121,13 @@ def laid_on(captured: NDArray, simulated: Simulated, *, ceiling: float) -> NDArr
 
 
 def pairs_laid_on(
-    captured: tuple[NDArray, NDArray],
-    without: Sequence[Pair],
-    changed: Sequence[Pair],
-    *,
-    ceiling: float,
+    captured: tuple[NDArray, NDArray], without: Exposed, changed: Exposed, *, ceiling: float
 ) -> list[Image]:
     """Lay what an effect does to simulated pairs onto captured ones.
 
     Args:
         captured: left and right images (n, h, w), codes.
-        without: simulated without the effect; four times as many as with it, the first of them by
+        without: simulated without the effect; three times as many as with it, the first of them by
             the same noise.
         changed: simulated with it, n or more.
         ceiling: largest code.
@@ -126,18 +135,19 @@ def pairs_laid_on(
     Returns:
         Left and right images (n, h, w) as of `laid_on`.
     """
-    frames = len(changed)
-    parts = [without[first : first + frames] for first in range(0, len(without), frames)]
+    frames = len(changed.pairs)
+    parts = [without.pairs[first : first + frames] for first in range(0, 3 * frames, frames)]
     laid = []
     for side, images in enumerate(captured):
         simulated = [
             Simulated(
                 without=own[side],
-                again=again[side],
                 changed=one[side],
+                still=without.still[side],
+                still_changed=changed.still[side],
                 noise=(third[side] - fourth[side]) / np.float32(np.sqrt(2)),
             )
-            for own, again, third, fourth, one in zip(*parts, changed, strict=True)
+            for own, third, fourth, one in zip(*parts, changed.pairs, strict=True)
         ]
         each = zip(images, simulated, strict=False)  # There may be fewer captured.
         laid.append(np.stack([laid_on(image, of, ceiling=ceiling) for image, of in each]))
@@ -185,34 +195,53 @@ def _add(out: Image, image: Image, of: _Block, kernel: Image) -> None:
 class _Told:
     """What spectra of one block tell (h, w // 2 + 1)."""
 
-    response: Spectrum  # h.
-    missing: Spectrum  # Power that the image with the effect has beyond h's,
-    rest: Spectrum  # that of what h leaves,
-    filtered: Spectrum  # and that of the captured image, filtered.
+    response: Spectrum  # h for the captured image
+    simulated: Spectrum  # and for the simulated one.
+    missing: Image  # Power that the image with the effect should have beyond the first's,
+    rest: Image  # that of what h leaves of the simulated one,
+    filtered: Image  # and that of the captured image, filtered.
 
 
-def _told(
-    seen: Image, base: Image, again: Image, other: Image, whole: Image, wanted: Image
-) -> _Told:
-    of_seen, of_base, of_again, of_other, of_whole, of_wanted = map(
-        _spectra, (seen, base, again, other, whole, wanted)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Images:
+    """Images (h, w) [DN], after the curve where that comes first."""
+
+    captured: Image
+    base: Image  # Simulated without the effect,
+    other: Image  # with it,
+    still: Image  # without it, noise and speckle,
+    moved: Image  # with it, without these;
+    codes: Image  # the first
+    changed_codes: Image  # and the second rounded.
+
+    def within(self, window: tuple[slice, slice]) -> _Images:
+        return _Images(*(getattr(self, name)[window] for name in self.__slots__))
+
+
+def _told(of: _Images) -> _Told:
+    seen, base, other, still, moved = (
+        _spectra(one) for one in (of.captured, of.base, of.other, of.still, of.moved)
     )
-    power, after, there, before, codes = (
-        _mean(one, one).real for one in (of_base, of_other, of_seen, of_whole, of_wanted)
-    )
-    little = _SURE * power.mean() + 1e-12
-    cross = _mean(of_base, of_other)
-    of_noise = (cross + _ROUNDING) / (power + _ROUNDING)
-    scene = _mean(of_again, of_base)
-    unsure = (_NOISE * np.clip(power - scene.real, 0.0, None) + little) ** 2
-    changed = _mean(of_again, of_other)
-    response = (scene.conj() * changed + unsure * of_noise) / (np.abs(scene) ** 2 + unsure)
-    kept = np.abs(response) ** 2
+    captured, power, after, scene = map(_own, (seen, base, other, still))
+    noise, changed = base - still, other - moved
+    # Noise and speckle with what rounding adds, before the effect and after.
+    rounded = np.clip(_own(_spectra(of.codes)) - scene, _LITTLE, None)
+    since = np.clip(_own(_spectra(of.changed_codes)) - _own(moved), 0.0, None)
+    of_noise = (_mean(noise, changed) + _ROUNDING) / (_own(noise) + _ROUNDING)
+    of_scene = (_mean(still, moved) + _LITTLE * of_noise) / (scene + _LITTLE)
+    share = np.clip(_by_band(captured) / _by_band(rounded), 0.0, 1.0)[_BAND].reshape(scene.shape)
+    quiet = np.minimum(captured, share * rounded)  # Of the captured power what is no scene.
+    response = (of_scene * (captured - quiet) + of_noise * quiet) / (captured + _LITTLE)
+    simulated = (of_scene * scene + of_noise * _own(noise)) / (scene + _own(noise) + _LITTLE)
+    filtered = np.abs(response) ** 2 * captured
+    due = np.abs(of_scene) ** 2 * (captured - quiet) + quiet + share * (since - rounded)
+    cross = _mean(base, other)
     return _Told(
         response=response,
-        missing=codes - kept * before,
-        rest=after - 2 * (response.conj() * cross).real + kept * power,
-        filtered=kept * there,
+        simulated=simulated,
+        missing=due - filtered,
+        rest=after - 2 * (simulated.conj() * cross).real + np.abs(simulated) ** 2 * power,
+        filtered=filtered,
     )
 
 
@@ -221,20 +250,16 @@ def _powers(told: Sequence[_Told], noise: Image) -> tuple[Spectrum, Spectrum, Sp
     and directions, as chance has its part in every single frequency.
     """
 
-    def by_band(power: Spectrum) -> Image:
-        found = np.bincount(_BAND, np.asarray(power).ravel(), _BANDS)
-        return found / np.bincount(_BAND, minlength=_BANDS)
-
     def root(share: Image, least: float, most: float) -> Image:
         centres = 0.5 * (_EDGES[1:] + _EDGES[:-1])
         return np.interp(_RADIUS, centres, np.sqrt(np.clip(share, least**2, most**2)))
 
     missing, rest, filtered = (
-        by_band(np.mean([getattr(block, name) for block in told], axis=0))
+        _by_band(np.mean([getattr(block, name) for block in told], axis=0))
         for name in ("missing", "rest", "filtered")
     )
     of_noise = _spectra(noise)
-    there = by_band(_mean(of_noise, of_noise).real)
+    there = _by_band(_own(of_noise))
     little = 1e-6 * filtered.mean() + 1e-12
     return (
         root((missing - rest) / (there + little), 0.0, _MOST),
@@ -243,8 +268,17 @@ def _powers(told: Sequence[_Told], noise: Image) -> tuple[Spectrum, Spectrum, Sp
     )
 
 
+def _by_band(power: Image) -> Image:
+    found = np.bincount(_BAND, power.ravel(), _BANDS)
+    return found / np.bincount(_BAND, minlength=_BANDS)
+
+
 def _mean(one: Spectrum, other: Spectrum) -> Spectrum:
     return (one.conj() * other).mean(0)
+
+
+def _own(one: Spectrum) -> Image:
+    return np.square(np.abs(one)).mean(0)
 
 
 def _kernel(response: Spectrum) -> Image:

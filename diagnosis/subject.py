@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from diagnosis import estimated, nuisances, projector_frame
 from diagnosis.estimated import Estimates
 from diagnosis.ground import Ground, ground
-from diagnosis.laid_on import Pair, pairs_laid_on
+from diagnosis.laid_on import Exposed, Pair, pairs_laid_on
 from diagnosis.nuisances import Nuisances
 from diagnosis.reading import (
     Images,
@@ -31,7 +31,7 @@ from diagnosis.reading import (
 from learning.example import Physics
 from learning.simulated import summary
 from patterns.errors import refuse
-from sim import simulate
+from sim import sensor_edits, simulate
 from sim.capture import CapturedScene
 from sim.capture_writer import info_of
 from sim.effects import named, setting
@@ -47,6 +47,14 @@ from sim.stage import Stage
 _SAMPLES = 4  # Paths of indirect light,
 _STEP_PX = 2.0  # and image motion between the moments of one exposure.
 _FINER_BITS = 8  # That codes are simulated with where they are not to be rounded.
+# What an image has beside its scene, at its neutral.
+_STILL = (
+    ("imager.shot_noise", 0.0),
+    ("imager.read_noise_e", 0.0),
+    ("imager.prnu", 0.0),
+    ("imager.dsnu_e", 0.0),
+    ("projector.speckle_contrast", 0.0),
+)
 
 
 @dataclass(slots=True, eq=False)
@@ -69,7 +77,7 @@ class Subject:
     # Rendered last with effects set, by those effects: draws of noise share what is rendered.
     _last: dict[tuple[tuple[str, Value], ...], Layers] = field(default_factory=dict, repr=False)
     # Pairs without effects, by seed: what those with effects are compared with, and others.
-    _plain: dict[int, list[Pair]] = field(default_factory=dict, repr=False)
+    _plain: dict[int, Exposed] = field(default_factory=dict, repr=False)
 
     def simulate(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
         """Simulate the scene with effects set; equal seeds share all noise.
@@ -210,7 +218,7 @@ class Subject:
         """Captured pairs with what effects do to simulated ones."""
         if seed not in self._plain:
             self._plain.clear()
-            _, self._plain[seed] = self._exact({}, seed, 4 * self.frames)
+            _, self._plain[seed] = self._exact({}, seed, 3 * self.frames)
         sensor, changed = self._exact(settings, seed, self.frames)
         ceiling = max(2**sensor.left.bit_depth - 1, int(left.max()))
         laid = pairs_laid_on((left, right), self._plain[seed], changed, ceiling=ceiling)
@@ -221,17 +229,20 @@ class Subject:
 
     def _exact(
         self, settings: Mapping[str, Value], seed: int, frames: int
-    ) -> tuple[Sensor, list[Pair]]:
+    ) -> tuple[Sensor, Exposed]:
         """Simulated pairs [DN] of so many frames with the bits that codes lack."""
         sensor, scene, layers = self._set(settings)
         fine = with_bits(sensor, _FINER_BITS)
         scale = np.float32(2.0 ** (sensor.left.bit_depth - fine.left.matched_bits))
-        own, found = self._noise(seed), []
-        for frame in range(frames):
-            pair = simulate.infrared(layers, scene, fine, seed=own, frame=frame)
+        own = self._noise(seed)
+
+        def taken(by: Sensor, frame: int) -> Pair:
+            pair = simulate.infrared(layers, scene, by, seed=own, frame=frame)
             assert pair.matched_right is not None
-            found.append((pair.matched_left * scale, pair.matched_right * scale))
-        return sensor, found
+            return pair.matched_left * scale, pair.matched_right * scale
+
+        still = taken(sensor_edits.with_values(fine, _STILL), 0)
+        return sensor, Exposed([taken(fine, frame) for frame in range(frames)], still)
 
 
 @lru_cache(maxsize=4)

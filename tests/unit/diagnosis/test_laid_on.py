@@ -12,7 +12,7 @@ import pytest
 from diagnosis.laid_on import Simulated, laid_on
 
 SHAPE = (240, 640)
-Do = Callable[[np.ndarray, np.random.Generator], np.ndarray]
+Do = Callable[[np.ndarray, np.random.Generator | None], np.ndarray]
 
 
 def scene(texture: float) -> np.ndarray:
@@ -24,50 +24,52 @@ def scene(texture: float) -> np.ndarray:
     return 30 + cv2.GaussianBlur(dots, (0, 0), 1.0) + 40 * texture * rough
 
 
-def blurred(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def blurred(image: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
     return cv2.GaussianBlur(image, (0, 0), 0.7) + noise(rng)
 
 
-def lower(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def lower(image: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
     size = (SHAPE[1], SHAPE[0])
     shift = np.array([[1, 0, 0], [0, 1, 0.5]])
     return cv2.warpAffine(image, shift, size, flags=cv2.INTER_CUBIC) + noise(rng)
 
 
-def smoothed(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def smoothed(image: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
     return cv2.GaussianBlur(image + noise(rng), (0, 0), 0.6)
 
 
-def noisier(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def noisier(image: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
     return image + noise(rng) + 2 * noise(rng)
 
 
-def brighter(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def brighter(image: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
     return 255 * (np.clip(image + noise(rng), 0, 255) / 255) ** (1 / 1.3)
 
 
-def plain(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def plain(image: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
     return image + noise(rng)
 
 
-def noise(rng: np.random.Generator) -> np.ndarray:
-    return 2 * rng.standard_normal(SHAPE)
+def noise(rng: np.random.Generator | None) -> np.ndarray:
+    return np.zeros(SHAPE) if rng is None else 2 * rng.standard_normal(SHAPE)
 
 
 def taken(texture: float, do: Do, seed: int) -> np.ndarray:
     return np.rint(exact(texture, do, seed)).astype(np.uint8)
 
 
-def exact(texture: float, do: Do, seed: int) -> np.ndarray:
-    return np.clip(do(scene(texture), np.random.default_rng(seed)), 0, 255).astype(np.float32)
+def exact(texture: float, do: Do, seed: int | None) -> np.ndarray:
+    rng = None if seed is None else np.random.default_rng(seed)
+    return np.clip(do(scene(texture), rng), 0, 255).astype(np.float32)
 
 
 def simulated(do: Do) -> Simulated:
     """Without texture, by noise of its own."""
     return Simulated(
         without=exact(0.0, plain, 7),
-        again=exact(0.0, plain, 8),
         changed=exact(0.0, do, 7),
+        still=exact(0.0, plain, None),
+        still_changed=exact(0.0, do, None),
         noise=noise(np.random.default_rng(9)).astype(np.float32),
     )
 
@@ -103,6 +105,19 @@ def test_a_tone_curve_holds_of_levels_that_simulation_does_not_reach():
     assert found[bright].mean() == pytest.approx(wanted[bright].mean(), abs=0.2)
 
 
+def test_a_lens_blurs_texture_that_simulation_lacks_and_no_noise():
+    """Texture as fine as noise is told from it by its power alone."""
+    rng = np.random.default_rng(3)
+    rough = scene(0.0) + 6 * rng.standard_normal(SHAPE)
+    captured, wanted = (
+        np.clip(np.rint(do(rough, np.random.default_rng(5))), 0, 255).astype(np.uint8)
+        for do in (plain, blurred)
+    )
+    found = laid_on(captured, simulated(blurred), ceiling=255)
+    assert sharpness(wanted) < 0.6 * sharpness(captured)
+    assert sharpness(found) == pytest.approx(sharpness(wanted), rel=0.05)
+
+
 def test_where_simulation_does_not_differ_nothing_does():
     captured = taken(1.0, plain, 5)
     np.testing.assert_array_equal(laid_on(captured, simulated(plain), ceiling=255), captured)
@@ -125,7 +140,7 @@ def test_what_is_added_stays_where_it_is_and_codes_within_their_range():
 def test_what_shifts_otherwise_to_either_side_is_told_block_by_block():
     """A magnification of one in a thousand moves dots by a third of a pixel at the sides."""
 
-    def grown(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def grown(image: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
         turn = cv2.getRotationMatrix2D((320, 120), 0, 1.001)
         return cv2.warpAffine(image, turn, SHAPE[::-1], flags=cv2.INTER_CUBIC) + noise(rng)
 
