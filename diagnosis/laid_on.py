@@ -11,8 +11,8 @@ h is a filter, told block by block, as what shifts or blurs may differ over the 
 level that goes with each level; r the rest. What is done to the scene is not what is done to noise
 and speckle, which a lens does not blur. So both are told apart: the scene's filter by images that
 are simulated without noise and speckle, theirs by what that leaves of the others. A captured image
-may have more texture than a simulated one, and then more of it is scene: what it has beyond the
-simulated noise is filtered as the scene is, frequency by frequency.
+is filtered as the scene is; what that takes of its noise, of which it has as much as simulation has
+or all that is there, comes back as other noise.
 
 Noise that one adds in quadrature to noise that is there makes images with the same draws differ by
 less than it adds. What the image with the effect should have of power beyond h's and r's is made up
@@ -45,11 +45,12 @@ _TILE_PX = 32  # Of the spectra,
 _REACH_PX = 8  # and how far the filters reach that these tell.
 _BLOCKS = 4  # Along either side at most, each of its own filter.
 _LEAST_PX = 3 * _TILE_PX  # Of a block's side.
-_MOST = 4.0  # Times the noise that is added,
+_MOST = 16.0  # Times the noise that is added,
 _LEAST = 0.2  # and share of the captured image that is left at least.
 _WINDOW = np.outer(np.hanning(_TILE_PX), np.hanning(_TILE_PX)).astype(np.float32)
 _ROUNDING = float((_WINDOW**2).sum()) / 12  # Power of the noise of whole codes.
 _LITTLE = 1e-4 * _ROUNDING  # Power too weak to tell of anything.
+_UNSURE = 0.05  # Share of what is no filter's doing that what tells of one has to be above.
 _BANDS = 8  # In which powers are compared,
 _RADIUS = np.hypot(fftfreq(_TILE_PX)[:, None], rfftfreq(_TILE_PX)[None])  # [1 / px]
 _EDGES = np.linspace(0.0, _RADIUS.max() + 1e-9, _BANDS + 1)  # by how fine they are.
@@ -69,7 +70,7 @@ class Simulated:
     changed: Image  # With it, by the same noise.
     still: Image  # Without it, noise and speckle,
     still_changed: Image  # and with it alone.
-    noise: Image  # Of one image without it, another than theirs.
+    noise: Image  # Speckle and rounding of one image without it, others than theirs.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,8 +128,8 @@ def pairs_laid_on(
 
     Args:
         captured: left and right images (n, h, w), codes.
-        without: simulated without the effect; three times as many as with it, the first of them by
-            the same noise.
+        without: simulated without the effect; twice as many as with it, the first of them by the
+            same noise and speckle, the others by others.
         changed: simulated with it, n or more.
         ceiling: largest code.
 
@@ -136,7 +137,7 @@ def pairs_laid_on(
         Left and right images (n, h, w) as of `laid_on`.
     """
     frames = len(changed.pairs)
-    parts = [without.pairs[first : first + frames] for first in range(0, 3 * frames, frames)]
+    parts = without.pairs[:frames], without.pairs[frames:]
     laid = []
     for side, images in enumerate(captured):
         simulated = [
@@ -145,9 +146,9 @@ def pairs_laid_on(
                 changed=one[side],
                 still=without.still[side],
                 still_changed=changed.still[side],
-                noise=(third[side] - fourth[side]) / np.float32(np.sqrt(2)),
+                noise=np.rint(another[side]) - without.still[side],
             )
-            for own, third, fourth, one in zip(*parts, changed.pairs, strict=True)
+            for own, another, one in zip(*parts, changed.pairs, strict=True)
         ]
         each = zip(images, simulated, strict=False)  # There may be fewer captured.
         laid.append(np.stack([laid_on(image, of, ceiling=ceiling) for image, of in each]))
@@ -228,20 +229,24 @@ def _told(of: _Images) -> _Told:
     rounded = np.clip(_own(_spectra(of.codes)) - scene, _LITTLE, None)
     since = np.clip(_own(_spectra(of.changed_codes)) - _own(moved), 0.0, None)
     of_noise = (_mean(noise, changed) + _ROUNDING) / (_own(noise) + _ROUNDING)
-    of_scene = (_mean(still, moved) + _LITTLE * of_noise) / (scene + _LITTLE)
+    together = _mean(still, moved)
+    alone = np.clip(_own(moved) - np.abs(together) ** 2 / (scene + _LITTLE), 0.0, None)
+    unsure = _LITTLE + _UNSURE * alone
+    of_scene = (together + unsure * of_noise) / (scene + unsure)
     share = np.clip(_by_band(captured) / _by_band(rounded), 0.0, 1.0)[_BAND].reshape(scene.shape)
     quiet = np.minimum(captured, share * rounded)  # Of the captured power what is no scene.
-    response = (of_scene * (captured - quiet) + of_noise * quiet) / (captured + _LITTLE)
     simulated = (of_scene * scene + of_noise * _own(noise)) / (scene + _own(noise) + _LITTLE)
-    filtered = np.abs(response) ** 2 * captured
-    due = np.abs(of_scene) ** 2 * (captured - quiet) + quiet + share * (since - rounded)
+    kept = np.abs(of_scene) ** 2
+    added = since - rounded
+    added[added < 0] *= share[added < 0]  # Noise that is not there cannot be taken.
+    added += _own(moved) - kept * scene  # What no filter makes of the scene.
     cross = _mean(base, other)
     return _Told(
-        response=response,
+        response=of_scene,
         simulated=simulated,
-        missing=due - filtered,
+        missing=(1 - kept) * quiet + added,
         rest=after - 2 * (simulated.conj() * cross).real + np.abs(simulated) ** 2 * power,
-        filtered=filtered,
+        filtered=kept * captured,
     )
 
 

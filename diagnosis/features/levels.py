@@ -25,10 +25,13 @@ def levels(image: Image, ground: Ground, ceiling: float) -> dict[str, float]:
     inside = image[ground.counted & np.isfinite(image)]
     if inside.size < bins.FEWEST:
         return found
-    for percent, value in zip(_PERCENTILES, np.percentile(inside, _PERCENTILES), strict=True):
-        found[f"level.percentile {percent:g}"] = bins.log(1 + float(value))
-    found["level.full"] = float(np.arcsin(np.sqrt(np.mean(inside >= ceiling))))
     codes = np.bincount(np.clip(np.rint(inside), 0, ceiling).astype(np.int64))
+    # Pixels of a code lie anywhere within it: whole codes would hide what moves dark ones a little.
+    share = np.concatenate([[0.0], np.cumsum(codes) / codes.sum()])
+    values = np.interp(np.divide(_PERCENTILES, 100), share, np.arange(share.size) - 0.5)
+    for percent, value in zip(_PERCENTILES, values, strict=True):
+        found[f"level.percentile {percent:g}"] = bins.log(1 + max(float(value), 0.0))
+    found["level.full"] = float(np.arcsin(np.sqrt(np.mean(inside >= ceiling))))
     low, high = np.searchsorted(np.cumsum(codes) / codes.sum(), (0.05, 0.95))
     used = codes[low : high + 1]
     found["codes.empty"] = float(np.mean(used == 0)) if used.size else float("nan")

@@ -70,7 +70,7 @@ def simulated(do: Do) -> Simulated:
         changed=exact(0.0, do, 7),
         still=exact(0.0, plain, None),
         still_changed=exact(0.0, do, None),
-        noise=noise(np.random.default_rng(9)).astype(np.float32),
+        noise=taken(0.0, plain, 9) - exact(0.0, plain, None),
     )
 
 
@@ -86,7 +86,10 @@ def test_a_textured_image_answers_as_it_would_to_the_effect_itself(do):
     assert found.dtype == np.float32
     assert found.mean() == pytest.approx(wanted.mean(), rel=0.01)
     assert sharpness(found) == pytest.approx(sharpness(wanted), rel=0.04)
-    if do not in {blurred, noisier}:  # A lens blurs no noise: what is missing is made.
+    if do in {blurred, lower}:  # A lens leaves noise as it is: what is missing is made.
+        one, other = found - exact(1.0, do, None), captured - exact(1.0, plain, None)
+        assert one.std() == pytest.approx(other.std(), rel=0.05)
+    elif do is not noisier:
         off, change = (
             float(np.sqrt(np.mean((one.astype(float) - wanted) ** 2))) for one in (found, captured)
         )
@@ -125,15 +128,17 @@ def test_where_simulation_does_not_differ_nothing_does():
 
 def test_what_is_added_stays_where_it_is_and_codes_within_their_range():
     captured, made = taken(1.0, plain, 5), simulated(plain)
-    changed = made.without.copy()
-    changed[100, 200] = 255
-    found = laid_on(captured, dataclasses.replace(made, changed=changed), ceiling=255)
+    changed, still = made.without.copy(), made.still.copy()
+    changed[100, 200] = still[100, 200] = 255
+    made_bright = dataclasses.replace(made, changed=changed, still_changed=still)
+    found = laid_on(captured, made_bright, ceiling=255)
     added = 255 - made.without[100, 200]
     assert found[100, 200] == pytest.approx(captured[100, 200] + added, rel=0.03)
     off = np.abs(np.rint(found) - captured)
     off[100, 200] = 0
     assert off.max() <= 2 and off.mean() < 0.1
-    brighter = dataclasses.replace(made, changed=made.without / 2 + 127)
+    halved = (made.without / 2 + 127, made.still / 2 + 127)
+    brighter = dataclasses.replace(made, changed=halved[0], still_changed=halved[1])
     assert laid_on(captured, brighter, ceiling=255).max() <= 255
 
 
