@@ -79,6 +79,19 @@ def test_nothing_known_is_refused():
         made(np.full_like(DISPARITY, np.nan))
 
 
+def test_percentiles_lie_within_codes():
+    """A tenth of the dark codes one higher moves a percentile that lies among them by a tenth."""
+    rng = np.random.default_rng(0)
+    dark = rng.integers(3, 6, EXPECTED.shape).astype(np.float32)
+    lifted = dark + (rng.random(dark.shape) < 0.1)
+    one, other = (
+        np.exp(levels.levels(image, GROUND, 255.0)["level.percentile 25"]) - 1
+        for image in (dark, lifted)
+    )
+    assert one == pytest.approx(2.5 + 0.25 * 3, abs=0.03)
+    assert other - one == pytest.approx(0.1 * 0.75 / 0.9, abs=0.03)
+
+
 @given(st.floats(0.5, 2.0))
 def test_levels_follow_the_light(factor):
     one = levels.levels(EXPECTED, GROUND, 1e4)

@@ -108,6 +108,21 @@ def test_a_tone_curve_holds_of_levels_that_simulation_does_not_reach():
     assert found[bright].mean() == pytest.approx(wanted[bright].mean(), abs=0.2)
 
 
+def test_a_tone_curve_leaves_no_gaps_between_codes():
+    captured, wanted = taken(1.0, plain, 5), taken(1.0, brighter, 5)
+    found = np.rint(laid_on(captured, simulated(brighter), ceiling=255))
+    comb = [_comb(one) for one in (wanted, found)]
+    assert comb[1] < 1.5 * comb[0]
+    curve = 255 * (captured / 255) ** (1 / 1.3)
+    assert _comb(np.rint(curve)) > 5 * comb[0]
+
+
+def _comb(codes: np.ndarray) -> float:
+    """How far codes are off the mean of their neighbours in number."""
+    count = np.bincount(codes.astype(int).ravel())
+    return float(np.abs(count[1:-1] - 0.5 * (count[:-2] + count[2:])).sum() / count.sum())
+
+
 def test_a_lens_blurs_texture_that_simulation_lacks_and_no_noise():
     """Texture as fine as noise is told from it by its power alone."""
     rng = np.random.default_rng(3)
