@@ -56,9 +56,8 @@ _RADIUS = np.hypot(fftfreq(_TILE_PX)[:, None], rfftfreq(_TILE_PX)[None])  # [1 /
 _EDGES = np.linspace(0.0, _RADIUS.max() + 1e-9, _BANDS + 1)  # by how fine they are.
 _BAND = (np.digitize(_RADIUS, _EDGES) - 1).ravel()
 _ENDS = (0.001, 0.004, 0.015)
-_SHARES = np.sort(
-    [*np.linspace(0, 1, 25), *_ENDS, *(1 - np.array(_ENDS))]
-)  # Of pixels, in a curve.
+# Of the pixels, up to which a curve's bins reach.
+_SHARES = np.sort([*np.linspace(0, 1, 25), *_ENDS, *(1 - np.array(_ENDS))])
 _POINTWISE = 0.02  # Share of a change's power that a curve leaves where it is all there is.
 
 

@@ -82,10 +82,10 @@ def inject(
     """Put effects into a real pair.
 
     The real noise stays, but for that of whole codes, which are rounded anew. Blurring and
-    resampling a picture would average noise away, which no lens
-    does: what the photon transfer of `nominal` says is missing is put back. An effect's own noise
-    comes on top of the real one. Of `read_noise`, `lens_blur` and `smoothing` what exceeds
-    `nominal`'s is added, in quadrature.
+    resampling a picture would average noise away, which no lens does: what the photon transfer of
+    `nominal` says is missing is put back, and so is speckle. An effect's own noise comes on top of
+    the real one. Of `read_noise`, `lens_blur` and `smoothing` what exceeds `nominal`'s is added, in
+    quadrature.
 
     A device that averages its codes has averaged the real ones, and averages what an effect adds
     to them as well. What a lens does changes places with that, as both are linear.
