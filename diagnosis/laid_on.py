@@ -93,13 +93,9 @@ def laid_on(captured: NDArray, simulated: Simulated, *, ceiling: float) -> NDArr
     """
     if np.array_equal(simulated.without, simulated.changed):
         return captured.astype(np.float32)
-    seen, base, other, still, moved, noise = (
-        one.astype(np.float32)
-        for one in (
-            *(captured, simulated.without, simulated.changed),
-            *(simulated.still, simulated.still_changed, simulated.noise),
-        )
-    )
+    made = (simulated.without, simulated.changed, simulated.still, simulated.still_changed)
+    seen, noise = (one.astype(np.float32) for one in (captured, simulated.noise))
+    base, other, still, moved = (one.astype(np.float32) for one in made)
     codes, changed_codes = np.rint(base), np.rint(other)
     bend = _curve(base, other - base)
     if _power(other - bend.of(base)) < _POINTWISE * _power(other - base):
@@ -222,23 +218,24 @@ def _told(of: _Images) -> _Told:
     seen, base, other, still, moved = (
         _spectra(one) for one in (of.captured, of.base, of.other, of.still, of.moved)
     )
-    captured, power, after, scene = map(_own, (seen, base, other, still))
+    captured, power, after, scene, moved_scene = map(_own, (seen, base, other, still, moved))
     noise, changed = base - still, other - moved
+    drawn = _own(noise)
     # Noise and speckle with what rounding adds, before the effect and after.
     rounded = np.clip(_own(_spectra(of.codes)) - scene, _LITTLE, None)
-    since = np.clip(_own(_spectra(of.changed_codes)) - _own(moved), 0.0, None)
-    of_noise = (_mean(noise, changed) + _ROUNDING) / (_own(noise) + _ROUNDING)
+    since = np.clip(_own(_spectra(of.changed_codes)) - moved_scene, 0.0, None)
+    of_noise = (_mean(noise, changed) + _ROUNDING) / (drawn + _ROUNDING)
     together = _mean(still, moved)
-    alone = np.clip(_own(moved) - np.abs(together) ** 2 / (scene + _LITTLE), 0.0, None)
+    alone = np.clip(moved_scene - np.abs(together) ** 2 / (scene + _LITTLE), 0.0, None)
     unsure = _LITTLE + _UNSURE * alone
     of_scene = (together + unsure * of_noise) / (scene + unsure)
     share = np.clip(_by_band(captured) / _by_band(rounded), 0.0, 1.0)[_BAND].reshape(scene.shape)
     quiet = np.minimum(captured, share * rounded)  # Of the captured power what is no scene.
-    simulated = (of_scene * scene + of_noise * _own(noise)) / (scene + _own(noise) + _LITTLE)
+    simulated = (of_scene * scene + of_noise * drawn) / (scene + drawn + _LITTLE)
     kept = np.abs(of_scene) ** 2
     added = since - rounded
     added[added < 0] *= share[added < 0]  # Noise that is not there cannot be taken.
-    added += _own(moved) - kept * scene  # What no filter makes of the scene.
+    added += moved_scene - kept * scene  # What no filter makes of the scene.
     cross = _mean(base, other)
     return _Told(
         response=of_scene,

@@ -32,7 +32,7 @@ def levels(image: Image, ground: Ground, ceiling: float) -> dict[str, float]:
     for percent, value in zip(_PERCENTILES, values, strict=True):
         found[f"level.percentile {percent:g}"] = bins.log(1 + max(float(value), 0.0))
     found["level.full"] = float(np.arcsin(np.sqrt(np.mean(inside >= ceiling))))
-    low, high = np.searchsorted(np.cumsum(codes) / codes.sum(), (0.05, 0.95))
+    low, high = np.searchsorted(share[1:], (0.05, 0.95))
     used = codes[low : high + 1]
     found["codes.empty"] = float(np.mean(used == 0)) if used.size else float("nan")
     # A code is as frequent as its neighbours unless the converter has steps.
