@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
@@ -135,8 +136,10 @@ def _side(of: Signature, table: Bench, screen: Screen, *, upwards: bool) -> Valu
         of = with_node(of, least, table)
         least = noticed.least(of, screen, upwards=upwards, steps=_STEPS)
     while least is not None and not _found_on_devices(of, least, table, screen):
-        least = base + _STRONGER * (float(least) - base)
-        least = float(round(least)) if of.candidate.whole else least
+        departure = _STRONGER * (float(least) - base)
+        if of.candidate.whole:  # A step further at least, which rounding could take back.
+            departure = math.copysign(math.ceil(abs(departure)), departure)
+        least = base + departure
         if abs(least - base) > max(abs(node - base) for node in side):
             return None
     return least

@@ -22,8 +22,8 @@ from diagnosis.which.arm import Found
 from diagnosis.which.candidates import Arm
 from diagnosis.which.noticed import Noticed, noticed
 from learning import registry
-from patterns.errors import InputError, refuse
-from sim import progress
+from patterns.errors import InputError, one_of, refuse
+from sim import effects, progress
 from sim.capture import CaptureSet
 from sim.effects.effect import Value
 from sim.sensor import Sensor
@@ -76,9 +76,13 @@ def diagnose(
 
     Raises:
         InputError: if a scene is damaged, none has geometry or reference depth, scenes are of
-            several cameras, both sets differ in geometry or have nothing in common, a residual is
-            asked for against another set or without torch, or the sensor is none of stereo.
+            several cameras, both sets differ in geometry or have nothing in common, a family is
+            none, a residual is asked for against another set or without torch, or the sensor is
+            none of stereo.
     """
+    known = sorted({row.family for row in effects.table()})
+    for family in families or ():
+        one_of("family", family, known)
     if sensor.kind == "structured_light":
         rule = "must be a stereo camera's"
         raise refuse("sensor", rule, sensor.kind, "Structured light has no pair to compare.")
@@ -150,8 +154,8 @@ def diagnose(
 def _told(
     arms: Sequence[Found], subjects: Sequence[Subject], crew: Crew, tell: progress.Progress
 ) -> list[Told]:
-    """For every accepted effect and the first of its rivals the capture that tells them apart with
-    least effort; where none does, the one that tells most.
+    """For every accepted effect and the first of its rivals the capture that tells them apart and
+    tells most for its effort; where none does, the one that tells most.
     """
     pairs: list[tuple[Mapping[str, Value], Mapping[str, Value], Arm]] = []
     for arm in arms:

@@ -30,6 +30,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -61,15 +62,32 @@ _SHARES = np.sort([*np.linspace(0, 1, 25), *_ENDS, *(1 - np.array(_ENDS))])
 _POINTWISE = 0.02  # Share of a change's power that a curve leaves where it is all there is.
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Simulated:
-    """Images (h, w) of one scene and one imager [DN], not rounded."""
+@dataclass(frozen=True, eq=False)
+class Known:
+    """Images (h, w) [DN] of one scene and one imager without an effect, and what they tell."""
 
-    without: Image  # The effect.
-    changed: Image  # With it, by the same noise.
-    still: Image  # Without it, noise and speckle,
-    still_changed: Image  # and with it alone.
-    noise: Image  # Speckle and rounding of one image without it, others than theirs.
+    captured: Image  # Whole codes.
+    without: Image  # Simulated, not rounded.
+    still: Image  # Likewise, without noise and speckle.
+    noise: Image  # Speckle and rounding of one image, others than theirs.
+
+    @cached_property
+    def spectra(self) -> list[_Spectra]:
+        """Of each block."""
+        return _block_spectra(self.captured, self.without, self.still, np.rint(self.without))
+
+    @cached_property
+    def noisiness(self) -> Image:
+        """Power of the noise by band."""
+        return _by_band(_own(_spectra(self.noise)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Changed:
+    """Images (h, w) [DN] simulated with an effect, not rounded."""
+
+    image: Image  # By the same noise as without.
+    still: Image  # Without noise and speckle.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,74 +98,96 @@ class Exposed:
     still: Pair  # Without noise and speckle.
 
 
-def laid_on(captured: NDArray, simulated: Simulated, *, ceiling: float) -> NDArray:
+def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Image:
     """Lay what an effect does to one image onto another.
 
     Args:
-        captured: (h, w) codes, without the effect.
-        simulated: what the effect does.
+        known: the captured image, and the simulated one without the effect.
+        changed: that with it.
         ceiling: largest code.
 
     Returns:
         (h, w) [DN] float32; not rounded again, as the captured codes are.
     """
-    if np.array_equal(simulated.without, simulated.changed):
-        return captured.astype(np.float32)
-    made = (simulated.without, simulated.changed, simulated.still, simulated.still_changed)
-    seen, noise = (one.astype(np.float32) for one in (captured, simulated.noise))
-    base, other, still, moved = (one.astype(np.float32) for one in made)
-    codes, changed_codes = np.rint(base), np.rint(other)
+    seen, base, still, other = known.captured, known.without, known.still, changed.image
+    if np.array_equal(base, other):
+        return seen
+    spectra = None
     bend = _curve(base, other - base)
     if _power(other - bend.of(base)) < _POINTWISE * _power(other - base):
-        seen, codes = (bend.of(_between_codes(one)) for one in (seen, codes))
+        seen, codes = (bend.of(_between_codes(one)) for one in (seen, np.rint(base)))
         base, still = bend.of(base), bend.of(still)
-    images = _Images(seen, base, other, still, moved, codes, changed_codes)
+        spectra = _block_spectra(seen, base, still, codes)
     blocks = _blocks(seen.shape)
-    told = [_told(images.within(of.window)) for of in blocks]
-    more, less, quieter = _powers(told, noise)
+    rounded = np.rint(other)
+    told = [
+        _told(of, *(_spectra(one[block.window]) for one in (other, changed.still, rounded)))
+        for block, of in zip(blocks, spectra or known.spectra, strict=True)
+    ]
+    more, less, quieter = _powers(told, known.noisiness)
     filtered, same = np.zeros_like(seen), np.zeros_like(base)
+    noise = base - still
     for of, by in zip(blocks, told, strict=True):
-        _add(filtered, seen, of, _kernel(by.response * quieter))
-        _add(same, base, of, _kernel(by.simulated))
+        _add(filtered, seen, of, _kernel(by.of_scene * quieter))
+        _add(same, still, of, _kernel(by.of_scene))
+        _add(same, noise, of, _kernel(by.of_noise))
     curve = _curve(same, other - same)
     rest = other - same - curve.step(same)
-    rest = cv2.filter2D(rest, -1, _kernel(less)) + cv2.filter2D(noise, -1, _kernel(more))
+    rest = cv2.filter2D(rest, -1, _kernel(less)) + cv2.filter2D(known.noise, -1, _kernel(more))
     laid = filtered + curve.step(filtered) + rest
     return np.clip(laid, 0, ceiling).astype(np.float32)
 
 
+def known(captured: tuple[NDArray, NDArray], without: Exposed) -> tuple[list[Known], list[Known]]:
+    """What captured and simulated pairs tell without an effect, of left and right images.
+
+    Args:
+        captured: left and right images (n, h, w), codes.
+        without: simulated pairs, twice as many: the first of them are those that pairs with an
+            effect share noise and speckle with, the others have others.
+    """
+    frames = len(without.pairs) // 2
+    left, right = (
+        [
+            _known(image, own[side], without.still[side], another[side])
+            for image, own, another in zip(
+                images, without.pairs[:frames], without.pairs[frames:], strict=False
+            )  # There may be fewer captured.
+        ]
+        for side, images in enumerate(captured)
+    )
+    return left, right
+
+
 def pairs_laid_on(
-    captured: tuple[NDArray, NDArray], without: Exposed, changed: Exposed, *, ceiling: float
+    without: tuple[list[Known], list[Known]], changed: Exposed, *, ceiling: float
 ) -> list[Image]:
     """Lay what an effect does to simulated pairs onto captured ones.
 
     Args:
-        captured: left and right images (n, h, w), codes.
-        without: simulated without the effect; twice as many as with it, the first of them by the
-            same noise and speckle, the others by others.
-        changed: simulated with it, n or more.
+        without: of left and right images.
+        changed: simulated with it, as many pairs or more.
         ceiling: largest code.
 
     Returns:
         Left and right images (n, h, w) as of `laid_on`.
     """
-    frames = len(changed.pairs)
-    parts = without.pairs[:frames], without.pairs[frames:]
     laid = []
-    for side, images in enumerate(captured):
-        simulated = [
-            Simulated(
-                without=own[side],
-                changed=one[side],
-                still=without.still[side],
-                still_changed=changed.still[side],
-                noise=np.rint(another[side]) - without.still[side],
-            )
-            for own, another, one in zip(*parts, changed.pairs, strict=True)
-        ]
-        each = zip(images, simulated, strict=False)  # There may be fewer captured.
-        laid.append(np.stack([laid_on(image, of, ceiling=ceiling) for image, of in each]))
+    for side, images in enumerate(without):
+        still = _single(changed.still[side])
+        made = [Changed(_single(pair[side]), still) for pair in changed.pairs]
+        each = zip(images, made, strict=False)
+        laid.append(np.stack([laid_on(one, by, ceiling=ceiling) for one, by in each]))
     return laid
+
+
+def _known(captured: NDArray, without: Image, still: Image, another: Image) -> Known:
+    images = captured, without, still, np.rint(another) - still
+    return Known(*(_single(one) for one in images))
+
+
+def _single(image: NDArray) -> Image:
+    return image.astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,39 +231,58 @@ def _add(out: Image, image: Image, of: _Block, kernel: Image) -> None:
 class _Told:
     """What spectra of one block tell (h, w // 2 + 1)."""
 
-    response: Spectrum  # h for the captured image
-    simulated: Spectrum  # and for the simulated one.
+    of_scene: Spectrum  # h, also for the captured image;
+    of_noise: Spectrum  # that of simulated noise and speckle.
     missing: Image  # Power that the image with the effect should have beyond the first's,
-    rest: Image  # that of what h leaves of the simulated one,
+    rest: Image  # that of what both leave of the simulated one,
     filtered: Image  # and that of the captured image, filtered.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Images:
-    """Images (h, w) [DN], after the curve where that comes first."""
+class _Spectra:
+    """Of one block's tiles (n, h, w // 2 + 1), after the curve where that comes first."""
 
-    captured: Image
-    base: Image  # Simulated without the effect,
-    other: Image  # with it,
-    still: Image  # without it, noise and speckle,
-    moved: Image  # with it, without these;
-    codes: Image  # the first
-    changed_codes: Image  # and the second rounded.
-
-    def within(self, window: tuple[slice, slice]) -> _Images:
-        return _Images(*(getattr(self, name)[window] for name in self.__slots__))
+    base: Spectrum  # Simulated without the effect,
+    still: Spectrum  # and without noise and speckle too.
+    captured: Image  # Power of the captured block,
+    scene: Image  # of the still one,
+    rounded: Image  # and of noise and speckle with what rounding adds.
 
 
-def _told(of: _Images) -> _Told:
-    seen, base, other, still, moved = (
-        _spectra(one) for one in (of.captured, of.base, of.other, of.still, of.moved)
+def _block_spectra(captured: Image, base: Image, still: Image, codes: Image) -> list[_Spectra]:
+    return [
+        _of_block(*(one[block.window] for one in (captured, base, still, codes)))
+        for block in _blocks(captured.shape)
+    ]
+
+
+def _of_block(captured: Image, base: Image, still: Image, codes: Image) -> _Spectra:
+    of_still = _spectra(still)
+    scene = _own(of_still)
+    return _Spectra(
+        base=_spectra(base),
+        still=of_still,
+        captured=_own(_spectra(captured)),
+        scene=scene,
+        rounded=np.clip(_own(_spectra(codes)) - scene, _LITTLE, None),
     )
-    captured, power, after, scene, moved_scene = map(_own, (seen, base, other, still, moved))
+
+
+def _told(of: _Spectra, other: Spectrum, moved: Spectrum, codes: Spectrum) -> _Told:
+    """What one block tells.
+
+    Args:
+        of: without the effect.
+        other: simulated with it,
+        moved: without noise and speckle too,
+        codes: and the first rounded.
+    """
+    base, still = of.base, of.still
+    captured, scene, rounded = of.captured, of.scene, of.rounded
+    moved_scene = _own(moved)
     noise, changed = base - still, other - moved
     drawn = _own(noise)
-    # Noise and speckle with what rounding adds, before the effect and after.
-    rounded = np.clip(_own(_spectra(of.codes)) - scene, _LITTLE, None)
-    since = np.clip(_own(_spectra(of.changed_codes)) - moved_scene, 0.0, None)
+    since = np.clip(_own(codes) - moved_scene, 0.0, None)
     of_noise = (_mean(noise, changed) + _ROUNDING) / (drawn + _ROUNDING)
     together = _mean(still, moved)
     alone = np.clip(moved_scene - np.abs(together) ** 2 / (scene + _LITTLE), 0.0, None)
@@ -231,24 +290,23 @@ def _told(of: _Images) -> _Told:
     of_scene = (together + unsure * of_noise) / (scene + unsure)
     share = np.clip(_by_band(captured) / _by_band(rounded), 0.0, 1.0)[_BAND].reshape(scene.shape)
     quiet = np.minimum(captured, share * rounded)  # Of the captured power what is no scene.
-    simulated = (of_scene * scene + of_noise * drawn) / (scene + drawn + _LITTLE)
     kept = np.abs(of_scene) ** 2
     added = since - rounded
     added[added < 0] *= share[added < 0]  # Noise that is not there cannot be taken.
     added += moved_scene - kept * scene  # What no filter makes of the scene.
-    cross = _mean(base, other)
     return _Told(
-        response=of_scene,
-        simulated=simulated,
+        of_scene=of_scene,
+        of_noise=of_noise,
         missing=(1 - kept) * quiet + added,
-        rest=after - 2 * (simulated.conj() * cross).real + np.abs(simulated) ** 2 * power,
+        rest=_own(other - of_scene * still - of_noise * noise),
         filtered=kept * captured,
     )
 
 
-def _powers(told: Sequence[_Told], noise: Image) -> tuple[Spectrum, Spectrum, Spectrum]:
-    """Factors (h, w // 2 + 1) of noise, of the rest and of the captured image, alike in all blocks
-    and directions, as chance has its part in every single frequency.
+def _powers(told: Sequence[_Told], there: Image) -> tuple[Spectrum, Spectrum, Spectrum]:
+    """Factors (h, w // 2 + 1) of noise, whose power is there, of the rest and of what was captured.
+
+    Alike in all blocks and directions, as chance has its part in every single frequency.
     """
 
     def root(share: Image, least: float, most: float) -> Image:
@@ -259,8 +317,6 @@ def _powers(told: Sequence[_Told], noise: Image) -> tuple[Spectrum, Spectrum, Sp
         _by_band(np.mean([getattr(block, name) for block in told], axis=0))
         for name in ("missing", "rest", "filtered")
     )
-    of_noise = _spectra(noise)
-    there = _by_band(_own(of_noise))
     little = 1e-6 * filtered.mean() + 1e-12
     return (
         root((missing - rest) / (there + little), 0.0, _MOST),

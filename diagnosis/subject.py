@@ -10,10 +10,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis import estimated, nuisances, projector_frame
+from diagnosis import estimated, laid_on, nuisances, projector_frame
 from diagnosis.estimated import Estimates
 from diagnosis.ground import Ground, ground
-from diagnosis.laid_on import Exposed, Pair, pairs_laid_on
+from diagnosis.laid_on import Exposed, Known, Pair
 from diagnosis.nuisances import Nuisances
 from diagnosis.reading import (
     Images,
@@ -77,8 +77,8 @@ class Subject:
     _memory: Memory = field(repr=False)  # Of the captured pairs' searches.
     # Rendered last with effects set, by those effects: draws of noise share what is rendered.
     _last: dict[tuple[tuple[str, Value], ...], Layers] = field(default_factory=dict, repr=False)
-    # Pairs without effects, by seed: what those with effects are compared with, and others.
-    _plain: dict[int, Exposed] = field(default_factory=dict, repr=False)
+    # Captured pairs and simulated ones without effects, by seed, for effects to be laid on.
+    _known: dict[int, tuple[list[Known], list[Known]]] = field(default_factory=dict, repr=False)
 
     def simulate(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
         """Simulate the scene with effects set; equal seeds share all noise.
@@ -122,7 +122,7 @@ class Subject:
         stage = Stage(scene)
         layers = _traced(stage, self.sensor)
         return dataclasses.replace(
-            self, scene=scene, _stage=stage, _layers=layers, _last={}, _plain={}
+            self, scene=scene, _stage=stage, _layers=layers, _last={}, _known={}
         )
 
     def another(self, number: int) -> Subject:
@@ -141,7 +141,7 @@ class Subject:
         layers = self._layers
         if faulty:
             layers = _traced(self._stage, sensor)
-        return dataclasses.replace(self, sensor=sensor, _layers=layers, _last={}, _plain={})
+        return dataclasses.replace(self, sensor=sensor, _layers=layers, _last={}, _known={})
 
     def expose_again(self, *, seed: int) -> Reading:
         """What the captures are compared with, with the noise of one more exposure.
@@ -217,12 +217,13 @@ class Subject:
         self, left: Images, right: Images, settings: Mapping[str, Value], seed: int
     ) -> Reading:
         """Captured pairs with what effects do to simulated ones."""
-        if seed not in self._plain:
-            self._plain.clear()
-            _, self._plain[seed] = self._exact({}, seed, seed + _ANOTHER)
+        if seed not in self._known:
+            self._known.clear()
+            _, without = self._exact({}, seed, seed + _ANOTHER)
+            self._known[seed] = laid_on.known((left, right), without)
         sensor, changed = self._exact(settings, seed)
         ceiling = max(2**sensor.left.bit_depth - 1, int(left.max()))
-        laid = pairs_laid_on((left, right), self._plain[seed], changed, ceiling=ceiling)
+        laid = laid_on.pairs_laid_on(self._known[seed], changed, ceiling=ceiling)
         codes = np.uint8 if ceiling < 2**8 else np.uint16
         first, second = (np.rint(images[:1]).astype(codes) for images in laid)
         ours_px = matched(first, second, sensor)
@@ -329,7 +330,7 @@ def retaken(of: Subject, captured: CapturedScene, *, against: Reading | None) ->
         real, against = alike(real, against)
     memory = Memory(_searches(real, against))
     return dataclasses.replace(
-        of, real=real, against=against, frames=real.repeats, _memory=memory, _plain={}
+        of, real=real, against=against, frames=real.repeats, _memory=memory, _known={}
     )
 
 

@@ -88,7 +88,7 @@ def points(share: float) -> str:
 
 def percent(share: float) -> str:
     """A share."""
-    return f"{number(100 * share, '.1f')} %"
+    return f"{number(100 * share, '.1f')} %" if math.isfinite(share) else NONE
 
 
 def interval(low: float, high: float, digits: str) -> str:

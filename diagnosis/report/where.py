@@ -245,7 +245,7 @@ def _rows(rows: tuple[Row, ...], quantity: str, counted: str, named: Words) -> s
             points(row.gap),
             interval(100 * row.low, 100 * row.high, "+.2f"),
             percent(row.area),
-            f"{number(100 * row.share, '.0f')} %",
+            percent(row.share),
             number(row.p, ".3g"),
         ]
         for row in rows

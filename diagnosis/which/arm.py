@@ -141,14 +141,20 @@ def screen(
 
 
 def of_families(screen: Screen, families: Collection[str]) -> Screen:
-    """The same with fewer effects: what chance gains by the others, it might gain by these.
+    """The same with fewer effects, as if no others were known: votes are shared by what these do.
+
+    The threshold stays: what chance gains by the others, it might gain by these.
 
     Args:
         screen: of the whole table.
         families: that are tried.
     """
     kept = tuple(one for one in screen.rough if one.candidate.effect.family in families)
-    return dataclasses.replace(screen, rough=kept)
+    if len(kept) == len(screen.rough):
+        return screen
+    weight = weights(kept, screen.base.deviation)
+    noise = null.size(screen.base, weight)
+    return dataclasses.replace(screen, rough=kept, weight=weight, noise=noise)
 
 
 def _same(bench: Bench, base: Base) -> bool:

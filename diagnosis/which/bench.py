@@ -36,8 +36,9 @@ _RENDERED = (1,)  # or where each of them has to be rendered, which takes most o
 _HOUSE = Path(__file__).parents[2]
 _SOURCES = (
     *(_HOUSE / name for name in ("calibration", "patterns", "sim")),
-    *(_HOUSE / "diagnosis" / name for name in ("features", "ground.py", "laid_on.py")),
-    *(_HOUSE / "diagnosis" / name for name in ("nuisances.py", "reading.py", "subject.py")),
+    *(_HOUSE / "diagnosis" / name for name in ("features", "estimated.py", "ground.py")),
+    *(_HOUSE / "diagnosis" / name for name in ("laid_on.py", "nuisances.py", "reading.py")),
+    _HOUSE / "diagnosis" / "subject.py",
     _HOUSE / "diagnosis" / "which" / "bench.py",
 )
 

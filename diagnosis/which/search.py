@@ -26,6 +26,7 @@ _LEVEL = 0.9  # Of intervals.
 _DRAWS = 400
 _OF_GAIN = 0.1  # Share of its own gain that an effect has to gain over another.
 _AS_LIKELY = 3.0  # Difference of log likelihoods that is hardly any: odds of 20 to 1.
+_ENOUGH = 0.5  # Of the threshold, that one gains which alone leaves nothing of a gap unexplained.
 _SAME = 0.05  # Chance that a rival is as good, above which it cannot be told apart.
 
 
@@ -88,7 +89,8 @@ def search(trial: Trial, closer: Sequence[Fit], alone: Sequence[Fit]) -> Search:
 
 
 def _begun(first: Sequence[Fit], trial: Trial, every: Sequence[Fit]) -> Model:
-    """The best effect, or two that gain enough over it, simulated together; none below threshold.
+    """The best effect, or two that gain enough over it, simulated together; below the threshold one
+    that explains the gap, or none.
 
     What two make one by one does not add up where they are strong: a sum may outdo the one effect
     that is there, by what no simulation bears out. And two may make up for where a second projector
@@ -96,7 +98,7 @@ def _begun(first: Sequence[Fit], trial: Trial, every: Sequence[Fit]) -> Model:
     """
     nothing = Model((), (), trial.likelihood.nothing)
     if not first or first[0].total < trial.threshold:
-        return nothing
+        return _enough(first, trial) or nothing
     best = first[0]
     alone = simulated(trial, nothing.wider(best)) or nothing
     if not trial.explained(alone.made()):
@@ -106,6 +108,28 @@ def _begun(first: Sequence[Fit], trial: Trial, every: Sequence[Fit]) -> Model:
         if both is not None:
             return both
     return alone
+
+
+def _enough(first: Sequence[Fit], trial: Trial) -> Model | None:
+    """The best effect that alone leaves nothing of a gap unexplained.
+
+    The threshold is what tells an effect from no gap. Where there plainly is a gap, to call it none
+    of the known effects is wrong where one of them explains it.
+    """
+    nothing = Model((), (), trial.likelihood.nothing)
+    for one in first:
+        if one.total < _ENOUGH * trial.threshold:
+            break
+        alone = simulated(trial, nothing.wider(one))
+        if alone is not None and _is_enough(alone, trial):
+            return alone
+    return None
+
+
+def _is_enough(model: Model, trial: Trial) -> bool:
+    """Whether a model is one effect that alone leaves nothing of a gap unexplained."""
+    gap = not trial.explained(trial.likelihood.nothing)
+    return gap and len(model.terms) == 1 and trial.explained(model.made())
 
 
 def _pairs(first: Sequence[Fit], trial: Trial) -> list[Model]:
@@ -187,14 +211,16 @@ def _completed(model: Model, trial: Trial, alone: Sequence[Fit]) -> Model:
     Where a second projector stands shows only once it shines.
     """
     idle = [one.signature.candidate for one in alone if not one.signature.change.any()]
-    for term in model.terms:
-        for candidate in (one for one in idle if one.effect is term.candidate.effect):
-            beside = signature(candidate, trial.bench, coarse(candidate), given=model.settings)
-            if beside is None:
-                continue
-            (best,) = sharper([beside], trial, model.made())
-            if best.total >= trial.threshold:
-                model = _better(model.wider(best), model, trial) or model
+    accepted = {term.candidate.effect.name for term in model.terms}
+    for candidate in (one for one in idle if one.effect.name in accepted):
+        if candidate.name in model.settings:
+            continue
+        beside = signature(candidate, trial.bench, coarse(candidate), given=model.settings)
+        if beside is None:
+            continue
+        (best,) = sharper([beside], trial, model.made())
+        if best.total >= trial.threshold:
+            model = _better(model.wider(best), model, trial) or model
     return model
 
 
@@ -216,12 +242,13 @@ def _thinned(model: Model, trial: Trial) -> Model:
 def _borne_out(model: Model, trial: Trial) -> Model:
     """Leave out what, simulated with the others, no longer gains enough on held-out scenes."""
     while model.terms:
+        least = (_ENOUGH if _is_enough(model, trial) else 1) * trial.threshold
         gains = [
             trial.fit(one, given=model.made(without=number)).total
             for number, one in enumerate(model.terms)
         ]
         worst = int(np.argmin(gains))
-        if gains[worst] >= trial.threshold or (less := _without(worst, model, trial)) is None:
+        if gains[worst] >= least or (less := _without(worst, model, trial)) is None:
             break
         model = less
     return model
@@ -289,7 +316,8 @@ def _rivals(own: Fit, others: Sequence[Fit], trial: Trial) -> tuple[Fit, ...]:
     As much as an effect has to gain to be named, one has to gain over another to be told from it;
     and a share of all that it gains, as no effect is simulated as it truly is.
     """
-    margin = max(trial.threshold, _OF_GAIN * own.total)
+    least = (1 if own.total >= trial.threshold else _ENOUGH) * trial.threshold
+    margin = max(least, _OF_GAIN * own.total)
     times = draws(trial.rooms, _DRAWS, np.random.default_rng(0))
     found = [
         other

@@ -40,6 +40,8 @@ class Check:
     jobs: int = 2  # Sets of scenes at once, each in a process; one alone stays in this process.
 
     def __post_init__(self) -> None:
+        if self.jobs < 1:
+            raise refusal("jobs", "must be >= 1", self.jobs, "Give how many sets at once.")
         given = (self.captures is not None, self.sensor is not None)
         if given != (self._real, self._real):
             rule = "must be given for tier 4, and for no other"

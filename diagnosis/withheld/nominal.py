@@ -62,7 +62,6 @@ class Nominal:
     wavelength_nm: float | None = None
     smoothing_px: float = 0.0  # Gaussian sigma by which the device averages codes.
     speckle_contrast: float = 0.0  # Of the projector's light, in a pixel, before that.
-    # The pages do not say where lens and projector are focused; near defocus's figures ask for 1 m.
     lens_focus_m: float = 1.0
     projector_focus_m: float = 1.0
 

@@ -102,7 +102,8 @@ class RealPairs:
         """Put the effects of cases into the pairs.
 
         Raises:
-            WithheldError: if a case's effects cannot be put into an image.
+            WithheldError: if the captures cannot be read, or a case's effects cannot be put into
+                an image.
         """
         for one in cases:
             self._write(one.settings, one.seed, out / one.name)
@@ -110,7 +111,7 @@ class RealPairs:
     def _write(self, settings: Mapping[str, float], seed: int, out: Path) -> None:
         camera = self.camera
         capture_files.copy(self.captures, out, ("capture.toml",))
-        for scene in lot(capture.open_set(self.captures).scenes, self.scenes, self.number):
+        for scene in lot(_scenes(self.captures), self.scenes, self.number):
             known = tuple(path.name for path in scene.path.iterdir() if path.is_file())
             capture_files.copy(scene.path, out / scene.name, known)
             left_dn, right_dn = _pair(scene)
@@ -125,6 +126,13 @@ class RealPairs:
             )
             capture_files.write(out / scene.name / "0" / "ir_left.png", pair.left)
             capture_files.write(out / scene.name / "0" / "ir_right.png", pair.right)
+
+
+def _scenes(captures: Path) -> Sequence[CapturedScene]:
+    try:
+        return capture.open_set(captures).scenes
+    except capture.errors.InputError as error:
+        raise WithheldError(str(error)) from error
 
 
 def _pair(scene: CapturedScene) -> tuple[Codes, Codes]:

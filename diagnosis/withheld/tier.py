@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -61,11 +60,13 @@ class Tier:
             return dict(self.counts), self.left_out
         if singles < 1:
             raise refusal("cases", "must be >= 1", singles, "Give how many singles.")
-        share = singles / (self.counts.get("single") or self.counts["unknown"])
-        counts: dict[CaseKind, int] = {
-            kind: math.ceil(share * count) for kind, count in self.counts.items()
-        }
-        return counts, math.ceil(share * self.left_out)
+        own = self.counts.get("single") or self.counts["unknown"]
+
+        def share(count: int) -> int:
+            return -(-singles * count // own)  # In whole numbers, which round up exactly.
+
+        counts: dict[CaseKind, int] = {kind: share(count) for kind, count in self.counts.items()}
+        return counts, share(self.left_out)
 
 
 TIERS = {

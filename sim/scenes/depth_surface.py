@@ -14,7 +14,8 @@ from sim.scenes.room_light import LIT_ROOM_W_M2
 Array = NDArray[np.float32]
 
 _PATCHED_PX = 8.0  # What continues from different places is joined up to this step.
-_MARGIN_PX = 128  # Beyond the image, for what only the right imager sees.
+_MARGIN_PX = 128  # Beyond the image, for what only the right imager sees;
+_ROWS_PX = 16  # above and below for what a lens brings in: outermost rows would be dark.
 _SOFT_PX = 9  # Side of the square whose mean reflectance a surface goes on with behind an edge.
 _NOISY_SURFACE = 0.01  # Shadow tolerance of surfaces measured with noise.
 
@@ -39,16 +40,15 @@ def scene(
             may be in it.
         ambient_w_m2: irradiance of ambient light.
     """
-    sides = ((0, 0), (_MARGIN_PX, _MARGIN_PX))
+    sides = ((_ROWS_PX, _ROWS_PX), (_MARGIN_PX, _MARGIN_PX))
     seen = np.pad(depth_mesh.smoothed(depth_mesh.closed(disparity_px)), sides, mode="edge")
     hidden, source = depth_mesh.behind(seen)
     front = back = None
     if reflectance is not None:
         front = np.pad(reflectance, sides, mode="reflect")
         back = np.asarray(cv2.blur(front, (_SOFT_PX, _SOFT_PX)), np.float32).ravel()[source]
-    intrinsics = np.array(
-        [[info.fx_px, 0, info.cx_px + _MARGIN_PX], [0, info.fy_px, info.cy_px], [0, 0, 1]]
-    )
+    cx, cy = info.cx_px + _MARGIN_PX, info.cy_px + _ROWS_PX
+    intrinsics = np.array([[info.fx_px, 0, cx], [0, info.fy_px, cy], [0, 0, 1]])
     parts = (
         ("surface", seen, {}, front),
         ("surface behind", hidden, {"jump_px": _PATCHED_PX}, back),

@@ -280,6 +280,8 @@ def test_real_pairs_are_for_their_own_tier(tmp_path, capsys):
     assert "must have infrared" in capsys.readouterr().err
     assert program.main([*base, *asked, "--power"]) == 1
     assert "power must be asked of rendered light" in capsys.readouterr().err
+    assert program.main([*base, *asked, "--jobs", "0"]) == 1
+    assert "jobs must be >= 1; got 0" in capsys.readouterr().err
     assert captured_camera.main([str(tmp_path / "camera"), *asked]) == 1
     assert "captures must be a folder" in capsys.readouterr().err
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from diagnosis.which import rivals
 from diagnosis.which.signature import Signature
-from tests.unit.diagnosis.test_fit import FEATURES, MADE, SCENES, VALUES, candidate, likelihood_of
+from tests.unit.diagnosis.made_gaps import FEATURES, MADE, SCENES, VALUES, candidate, likelihood_of
 
 
 def test_the_largest_drop_is_of_what_explains_most_of_one_feature():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis.which import null, search, strengths
+from diagnosis.which import arm, null, search, strengths
 from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit, folds
 from diagnosis.which.likelihood import Likelihood, total, weights
@@ -19,87 +18,27 @@ from diagnosis.which.made import Made
 from diagnosis.which.model import Model, simulated
 from diagnosis.which.null import Base
 from diagnosis.which.signature import Signature
-from diagnosis.which.trial import Trial
 from sim import effects
-
-SCENES, FEATURES, SEEDS = 8, 40, 6
-ROOMS = [str(scene) for scene in range(SCENES)]
-HELD = folds(ROOMS)
-NAMES = ("lens_blur", "veil", "crosstalk", "read_noise")
-
-
-ONES = np.ones(FEATURES)
-VALUES = (0.0, 0.2, 0.5, 1.0)
-
-
-def candidate(name: str) -> Candidate:
-    return Candidate(
-        name=name, effect=effects.named(name), arm=Arm.IMAGE, base=0.0, nodes=VALUES[1:]
-    )
-
-
-def signature(name: str, seed: int) -> Signature:
-    """An effect that grows with its strength, bent, and differs a little from scene to scene."""
-    rng = np.random.default_rng(seed)
-    direction = rng.standard_normal(FEATURES) * (rng.random(FEATURES) < 0.5)
-    scenes = direction * (1 + 0.2 * rng.standard_normal((SCENES, 1)))
-    change = np.stack([np.sqrt(value) * scenes for value in VALUES])
-    return Signature(candidate(name), VALUES, change)
-
-
-MADE = {name: signature(name, number) for number, name in enumerate(NAMES)}
-SIGNATURES = list(MADE.values())
-
-
-def noise(seed: int) -> np.ndarray:
-    return 0.05 * np.random.default_rng(seed).standard_normal((SCENES, FEATURES))
-
-
-BASE = Base(
-    np.stack([noise(100 + seed) for seed in range(SEEDS)]), np.full((SCENES, FEATURES), null.FLOOR)
+from tests.unit.diagnosis.made_gaps import (
+    BASE,
+    FEATURES,
+    HELD,
+    MADE,
+    NAMES,
+    ONES,
+    ROOMS,
+    SCENES,
+    SEEDS,
+    SIGNATURES,
+    VALUES,
+    FakeBench,
+    WithPartner,
+    candidate,
+    likelihood_of,
+    noise,
+    searched,
+    trial,
 )
-
-
-class FakeBench:
-    """Simulates by adding signatures, and what two effects make only together."""
-
-    subjects: Any = tuple(SimpleNamespace(name=room, room=room) for room in ROOMS)
-
-    def __init__(self, made: dict[str, Signature] = MADE, together: float = 0.0) -> None:
-        self.made = made
-        self.together = together
-
-    def change(self, settings: dict[str, Any]) -> np.ndarray | None:
-        if settings.get("veil", 0) > 0.8 and "crosstalk" in settings:
-            return None
-        table = np.zeros((SCENES, FEATURES))
-        for name, value in settings.items():
-            one = self.made[name]
-            table += one.at(float(np.interp(value, VALUES, range(len(VALUES))))).change
-        return table + self.together * (len(settings) > 1)
-
-    def scatter(self, settings: dict[str, Any]) -> None:
-        return None
-
-
-def trial(bench: Any, likelihood: Likelihood, *, explained_below: float = 0.0) -> Trial:
-    return Trial(
-        bench=bench,
-        likelihood=likelihood,
-        folds=HELD,
-        threshold=null.LEAST_GAIN,
-        explained_below=explained_below,
-    )
-
-
-def reading(settings: dict[str, float], seed: int, bench: FakeBench | None = None) -> np.ndarray:
-    change = (bench or FakeBench()).change(settings)
-    assert change is not None
-    return change + noise(seed)
-
-
-def likelihood_of(settings: dict[str, float], seed: int, **others: Any) -> Likelihood:
-    return BASE.likelihood(reading(settings, seed, **others), ONES)
 
 
 def test_places_lie_between_the_values():
@@ -129,19 +68,6 @@ def test_strength_is_found(value):
     assert found.total > 100
     wrong = fit(MADE["crosstalk"], likelihood, HELD)
     assert wrong.total < 0.2 * found.total
-
-
-class WithPartner(FakeBench):
-    """An effect whose second number moves what it makes, and alone nothing."""
-
-    def change(self, settings: dict[str, Any]) -> np.ndarray | None:
-        rest = {name: value for name, value in settings.items() if name != "second_projector.x"}
-        table = super().change(rest)
-        assert table is not None
-        if "second_projector" in settings and "second_projector.x" in settings:
-            moved = MADE["crosstalk"].change[-1]
-            table = table + settings["second_projector.x"] * moved * settings["second_projector"]
-        return table
 
 
 def test_what_is_fitted_to_its_base_is_not_named():
@@ -193,6 +119,45 @@ def test_another_number_of_an_accepted_effect_is_found_where_more_is_left():
     assert total(found.left, ONES) < 0.2 * likelihood.size(likelihood.nothing)
     enough = search.search(trial(bench, likelihood, explained_below=1e6), closer, alone)
     assert list(enough.settings) == ["second_projector"]
+
+
+def test_a_number_of_an_effect_is_accepted_once_though_something_else_is_left():
+    """`_completed` is asked twice of the same effect."""
+    row = effects.named("second_projector")
+    first = dataclasses.replace(candidate("veil"), name=row.name, effect=row)
+    shines = dataclasses.replace(MADE["veil"], candidate=first)
+    bench: Any = WithPartner({**MADE, row.name: shines})
+    second = Candidate(
+        name="second_projector.x", effect=row, arm=Arm.IMAGE, base=0.0, nodes=(-0.5, 0.25, 0.5)
+    )
+    likelihood = BASE.likelihood(noise(7) + bench.change({row.name: 0.6, second.name: 0.4}), ONES)
+    asked = trial(bench, likelihood)
+    idle = Signature(second, (-0.5, 0.0, 0.25, 0.5), np.zeros((4, SCENES, FEATURES)))
+    alone = [fit(one, likelihood, HELD) for one in (shines, idle)]
+    model = simulated(asked, Model((shines,), (2.0,), likelihood.nothing))
+    assert model is not None
+    once = search._completed(model, asked, alone)
+    assert [one.name for one in once.terms] == [row.name, second.name]
+    assert search._completed(once, asked, alone) is once
+
+
+def test_where_there_is_a_gap_an_effect_that_explains_it_has_to_gain_less():
+    """Of half of the threshold on; without a gap, or where it leaves some, it needs all of it."""
+    likelihood = likelihood_of({"crosstalk": 0.4}, 9)
+    closer = sorted((fit(one, likelihood, HELD) for one in SIGNATURES), key=lambda one: -one.total)
+    before = likelihood.size(likelihood.nothing)
+
+    def named(*, threshold: float, below: float) -> list[str]:
+        asked = dataclasses.replace(
+            trial(FakeBench(), likelihood, explained_below=below), threshold=threshold
+        )
+        return list(search.search(asked, closer, closer).settings)
+
+    gain = closer[0].total
+    assert named(threshold=1.5 * gain, below=2.0) == ["crosstalk"]
+    assert before > 2 and named(threshold=1.5 * gain, below=1.1 * before) == []
+    assert named(threshold=1.5 * gain, below=0.5) == []
+    assert named(threshold=2.5 * gain, below=2.0) == []
 
 
 @pytest.mark.parametrize("below, rounds", [(1.5, 1), (0.0, 0)])
@@ -314,15 +279,6 @@ def test_of_no_gap_nothing_is_named():
     assert (found.left == found.beyond).all() and total(found.left, ONES) < 1.4
 
 
-def searched(
-    settings: dict[str, float], *, bench: FakeBench | None = None, names: tuple[str, ...] = NAMES
-) -> search.Search:
-    bench = bench or FakeBench()
-    likelihood = likelihood_of(settings, 9, bench=bench)
-    closer = [fit(bench.made[name], likelihood, HELD) for name in names]
-    return search.search(trial(bench, likelihood), closer, [])
-
-
 def test_an_effect_is_simulated_where_it_fits_before_others_are_preferred():
     """Between its nodes it does more than a straight line; a rival's node is right by chance."""
     aside = np.random.default_rng(5).standard_normal((SCENES, FEATURES))
@@ -366,6 +322,27 @@ def test_features_that_move_alike_share_one_vote():
     assert weight[5:7] == pytest.approx(1, rel=0.1)
     assert (weights([], np.full(8, 0.1)) == 1).all()
     assert weight[7] == pytest.approx(1)  # Nothing moves it, so nothing repeats it.
+
+
+def test_what_effects_that_are_not_tried_do_has_no_part_in_votes():
+    """Features that one effect alone moves repeat what is left once it is not known."""
+    families = {one.candidate.effect.family for one in SIGNATURES}
+    weight = weights(SIGNATURES, BASE.deviation)
+    whole = arm.Screen(
+        base=BASE,
+        rough=tuple(SIGNATURES),
+        weight=weight,
+        folds=tuple(HELD),
+        threshold=null.LEAST_GAIN,
+        noise=null.size(BASE, weight),
+    )
+    assert arm.of_families(whole, families) is whole
+    rest = families - {effects.named("veil").family}
+    part = arm.of_families(whole, rest)
+    assert "veil" not in {one.name for one in part.rough}
+    np.testing.assert_array_equal(part.weight, weights(part.rough, BASE.deviation))
+    assert (part.weight != weight).any()
+    assert part.noise == null.size(BASE, part.weight) and part.threshold == whole.threshold
 
 
 @given(st.lists(st.floats(-5, 5), min_size=3, max_size=3), st.integers(0, 2))

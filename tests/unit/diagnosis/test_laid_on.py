@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from diagnosis.laid_on import Simulated, laid_on
+from diagnosis.laid_on import Changed, Known, laid_on
 
 SHAPE = (240, 640)
 Do = Callable[[np.ndarray, np.random.Generator | None], np.ndarray]
@@ -63,15 +63,24 @@ def exact(texture: float, do: Do, seed: int | None) -> np.ndarray:
     return np.clip(do(scene(texture), rng), 0, 255).astype(np.float32)
 
 
+@dataclasses.dataclass(frozen=True)
+class Simulated:
+    """An image without texture: by noise of its own, and without noise."""
+
+    without: np.ndarray
+    still: np.ndarray
+    changed: Changed
+
+
 def simulated(do: Do) -> Simulated:
-    """Without texture, by noise of its own."""
-    return Simulated(
-        without=exact(0.0, plain, 7),
-        changed=exact(0.0, do, 7),
-        still=exact(0.0, plain, None),
-        still_changed=exact(0.0, do, None),
-        noise=taken(0.0, plain, 9) - exact(0.0, plain, None),
-    )
+    changed = Changed(exact(0.0, do, 7), exact(0.0, do, None))
+    return Simulated(exact(0.0, plain, 7), exact(0.0, plain, None), changed)
+
+
+def laid(captured: np.ndarray, of: Simulated) -> np.ndarray:
+    noise = (taken(0.0, plain, 9) - of.still).astype(np.float32)
+    known = Known(captured.astype(np.float32), of.without, of.still, noise)
+    return laid_on(known, of.changed, ceiling=255)
 
 
 def sharpness(image: np.ndarray) -> float:
@@ -82,7 +91,7 @@ def sharpness(image: np.ndarray) -> float:
 def test_a_textured_image_answers_as_it_would_to_the_effect_itself(do):
     """In level and sharpness; what is not drawn anew pixel by pixel too."""
     captured, wanted = taken(1.0, plain, 5), taken(1.0, do, 5)
-    found = laid_on(captured, simulated(do), ceiling=255)
+    found = laid(captured, simulated(do))
     assert found.dtype == np.float32
     assert found.mean() == pytest.approx(wanted.mean(), rel=0.01)
     assert sharpness(found) == pytest.approx(sharpness(wanted), rel=0.04)
@@ -99,7 +108,7 @@ def test_a_textured_image_answers_as_it_would_to_the_effect_itself(do):
 def test_a_tone_curve_holds_of_levels_that_simulation_does_not_reach():
     """Texture has darker places than the ground that simulation has in its place."""
     captured, wanted = taken(1.0, plain, 5), taken(1.0, brighter, 5)
-    found = laid_on(captured, simulated(brighter), ceiling=255)
+    found = laid(captured, simulated(brighter))
     dark = captured <= np.quantile(captured, 0.002)
     bright = captured >= np.quantile(captured, 0.998)
     assert captured[dark].max() < exact(0.0, plain, 7).min()
@@ -110,7 +119,7 @@ def test_a_tone_curve_holds_of_levels_that_simulation_does_not_reach():
 
 def test_a_tone_curve_leaves_no_gaps_between_codes():
     captured, wanted = taken(1.0, plain, 5), taken(1.0, brighter, 5)
-    found = np.rint(laid_on(captured, simulated(brighter), ceiling=255))
+    found = np.rint(laid(captured, simulated(brighter)))
     comb = [_comb(one) for one in (wanted, found)]
     assert comb[1] < 1.5 * comb[0]
     curve = 255 * (captured / 255) ** (1 / 1.3)
@@ -131,30 +140,30 @@ def test_a_lens_blurs_texture_that_simulation_lacks_and_no_noise():
         np.clip(np.rint(do(rough, np.random.default_rng(5))), 0, 255).astype(np.uint8)
         for do in (plain, blurred)
     )
-    found = laid_on(captured, simulated(blurred), ceiling=255)
+    found = laid(captured, simulated(blurred))
     assert sharpness(wanted) < 0.6 * sharpness(captured)
     assert sharpness(found) == pytest.approx(sharpness(wanted), rel=0.05)
 
 
 def test_where_simulation_does_not_differ_nothing_does():
     captured = taken(1.0, plain, 5)
-    np.testing.assert_array_equal(laid_on(captured, simulated(plain), ceiling=255), captured)
+    np.testing.assert_array_equal(laid(captured, simulated(plain)), captured)
 
 
 def test_what_is_added_stays_where_it_is_and_codes_within_their_range():
     captured, made = taken(1.0, plain, 5), simulated(plain)
     changed, still = made.without.copy(), made.still.copy()
     changed[100, 200] = still[100, 200] = 255
-    made_bright = dataclasses.replace(made, changed=changed, still_changed=still)
-    found = laid_on(captured, made_bright, ceiling=255)
+    made_bright = dataclasses.replace(made, changed=Changed(changed, still))
+    found = laid(captured, made_bright)
     added = 255 - made.without[100, 200]
     assert found[100, 200] == pytest.approx(captured[100, 200] + added, rel=0.03)
     off = np.abs(np.rint(found) - captured)
     off[100, 200] = 0
     assert off.max() <= 2 and off.mean() < 0.1
-    halved = (made.without / 2 + 127, made.still / 2 + 127)
-    brighter = dataclasses.replace(made, changed=halved[0], still_changed=halved[1])
-    assert laid_on(captured, brighter, ceiling=255).max() <= 255
+    halved = Changed(made.without / 2 + 127, made.still / 2 + 127)
+    brighter = dataclasses.replace(made, changed=halved)
+    assert laid(captured, brighter).max() <= 255
 
 
 def test_what_shifts_otherwise_to_either_side_is_told_block_by_block():
@@ -165,7 +174,7 @@ def test_what_shifts_otherwise_to_either_side_is_told_block_by_block():
         return cv2.warpAffine(image, turn, SHAPE[::-1], flags=cv2.INTER_CUBIC) + noise(rng)
 
     captured, wanted = taken(1.0, plain, 5), taken(1.0, grown, 5)
-    found = laid_on(captured, simulated(grown), ceiling=255)
+    found = laid(captured, simulated(grown))
     off, change = (
         float(np.sqrt(np.mean((one.astype(float) - wanted) ** 2))) for one in (found, captured)
     )

@@ -283,7 +283,7 @@ def test_what_is_not_known_is_a_dash():
         "Projector frame: too few pixels in every cell." in read.text
         and "nan" not in read.text.lower()
     )
-    assert read.row(row.covariate, row.bin)[3:6:2] == ["\N{EN DASH}", "\N{EN DASH} %"]
+    assert read.row(row.covariate, row.bin)[3:6:2] == ["\N{EN DASH}", "\N{EN DASH}"]
 
 
 def test_report_json_holds_what_the_page_shows():

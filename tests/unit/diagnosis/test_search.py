@@ -14,7 +14,7 @@ from diagnosis.which.fit import fit
 from diagnosis.which.model import Model
 from diagnosis.which.signature import Signature
 from sim import effects
-from tests.unit.diagnosis.test_fit import (
+from tests.unit.diagnosis.made_gaps import (
     BASE,
     FEATURES,
     HELD,

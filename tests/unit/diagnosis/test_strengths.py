@@ -21,7 +21,7 @@ from diagnosis.which.signature import signature as simulated_signature
 from diagnosis.which.trial import Trial
 from sim import effects
 from sim.effects.effect import Value
-from tests.unit.diagnosis.test_fit import (
+from tests.unit.diagnosis.made_gaps import (
     BASE,
     FEATURES,
     HELD,

@@ -76,6 +76,17 @@ def test_dots_tell_how_bright_a_room_is(ambient, tmp_path):
     assert np.quantile(np.abs(off / np.median(off) - 1), 0.9) < 0.1
 
 
+def test_a_room_is_as_bright_at_the_images_borders_as_beside_them(tmp_path):
+    """A camera sees on beyond its image: lens and averaging bring in what lies there."""
+    lens = [("imager.lens.blur_px", 1.5), ("imager.smoothing_px", 1.5)]
+    noiseless = [("imager.shot_noise", 0.0), ("imager.read_noise_e", 0.0)]
+    still = with_values(DARK, [*lens, *noiseless])
+    scene = captured.surface(room(tmp_path / "set", 1.0), Lit(np.full(SHAPE, 0.5, np.float32), 1.0))
+    left = simulate.simulate(scene, still).ir_left.astype(float)
+    for side in (left, left[::-1], left.T[:, 220:], left.T[::-1, 220:]):
+        assert side[0].mean() == pytest.approx(side[12].mean(), rel=0.02)
+
+
 def test_a_room_without_projector_is_lit_as_rooms_are(tmp_path):
     scene = room(tmp_path / "set", 1.0)
     assert captured.lit(scene, DARK, smoothing_px=6.0).ambient_w_m2 == room_light.LIT_ROOM_W_M2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -54,6 +55,13 @@ def test_rooms_come_once_before_any_comes_again(captures: Path) -> None:
     assert sorted(one.room for one in lot(scenes, 6, 0)) == [*"aabbcd"]
     with pytest.raises(WithheldError, match="captures must hold 8 scenes; got 7"):
         lot(scenes, 8, 0)
+
+
+def test_captures_that_are_gone_are_refused(pairs: RealPairs, tmp_path: Path) -> None:
+    pairs.prepare()
+    gone = dataclasses.replace(pairs, captures=tmp_path / "gone")
+    with pytest.raises(WithheldError, match="gone"):
+        gone.take([Case(number=0, kind="null", seed=0)], tmp_path / "cases")
 
 
 def test_cases_hold_infrared_alone_and_tell_nothing(pairs: RealPairs, tmp_path: Path) -> None:

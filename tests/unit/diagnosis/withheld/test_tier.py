@@ -1,0 +1,33 @@
+"""How many cases a tier draws."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import pytest
+
+from diagnosis.withheld.errors import WithheldError
+from diagnosis.withheld.tier import TIERS
+
+
+def test_a_tier_draws_its_own_number_unasked():
+    for tier in TIERS.values():
+        assert tier.drawn(None) == (dict(tier.counts), tier.left_out)
+
+
+@pytest.mark.parametrize("number", TIERS)
+def test_other_numbers_are_in_proportion_and_no_case_too_many(number: int):
+    tier = TIERS[number]
+    own = tier.counts.get("single") or tier.counts["unknown"]
+    for asked in range(1, 400):
+        counts, left_out = tier.drawn(asked)
+        for count, of in (
+            (left_out, tier.left_out),
+            *zip(counts.values(), tier.counts.values(), strict=True),
+        ):
+            assert 0 <= count - Fraction(asked * of, own) < 1
+
+
+def test_no_cases_are_refused():
+    with pytest.raises(WithheldError, match="must be >= 1"):
+        TIERS[1].drawn(0)
