@@ -93,11 +93,11 @@ def withheld(
         tier: 1: scenes by Starling's renderer; 2: by Blender's Cycles, with another matcher; 3:
             effects outside the table; 4: effects put into real infrared pairs.
         cases: with a single effect, the other cases in proportion; else the tier's own number.
-        no_infrared: let captures be depth alone.
+        no_infrared: give the diagnosis depth alone (tiers 1 and 3).
         power: ask instead how strong six effects have to be; cases: of each of six levels.
         jobs: sets of scenes at once, a core each.
         blender: Python with bpy (see tools/blender.sh), for tier 2.
-        captures: capture set of a real camera, for tier 4.
+        captures: capture set of a real camera, of eight scenes or more, for tier 4.
         sensor: preset or sensor file of that camera, for tier 4.
     """
     import subprocess
