@@ -49,7 +49,8 @@ class Figure:
         weights = times[:, [place[number] for number in self.scenes]]
         told = weights[weights.any(axis=1)]
         drawn = self._medians(told) if self.median else self._means(told)
-        low, high = np.quantile(drawn, (_TAIL, 1 - _TAIL))
+        ends = (_TAIL, 1 - _TAIL)
+        low, high = np.quantile(drawn, ends, method="nearest")  # Errors may be infinite.
         return float(low), float(high)
 
     def _means(self, weights: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -4,21 +4,35 @@ Rounding adds white noise of 1/12 DN^2 (Bennett, Bell System Tech. J. 27(3), 194
 An effect that acts before may neither blur nor stretch it, and noise that is added to whole codes
 is rounded to nothing where it is weak. In an image of a device that averages its codes most of the
 finest structure is this noise.
+
+Where an image is even it stands on one code, and nothing tells where within. In the middle of it
+none would be moved over its edge by a little, and all by half a code; so such places are dealt out.
 """
 
 from __future__ import annotations
 
+import itertools
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from diagnosis.withheld import bands
 
 _ROUNDING = 1 / 12  # Variance of the noise of whole codes [DN^2].
 _HALF = 0.5 - 1e-6  # What it is off a code by at most, so that it rounds to that.
-_BORDER_PX = 16  # Mirrored, as a spectrum takes an image to go on at its other side.
+# Powers are told tile by tile, faded into each other: dots of bright places are not those of dark.
+_TILE_PX = 64
+_FADE = np.outer(np.hanning(_TILE_PX + 1)[:-1], np.hanning(_TILE_PX + 1)[:-1])
+_EVEN_PX = 7  # Side of the square in which an image has to be even,
+_SMOOTH_PX = 8.0  # and how smooth it is taken to be there: sigma of what is dealt out.
+_LEVELS = 0x0C0D_E5  # Seed of where they lie within their codes: the same in every case.
+
+Image = NDArray[np.float64]
 
 
-def unrounded(codes: NDArray[np.integer]) -> NDArray[np.float64]:
+def unrounded(codes: NDArray[np.integer]) -> Image:
     """Take out of an image the power that rounding put in, frequency by frequency.
 
     Args:
@@ -27,8 +41,36 @@ def unrounded(codes: NDArray[np.integer]) -> NDArray[np.float64]:
     Returns:
         (h, w) [DN], which rounds to these codes.
     """
-    image = np.pad(codes.astype(np.float64), _BORDER_PX, mode="reflect")
-    power = np.maximum(bands.power(image), 1e-12)
-    smooth = bands.filtered(image, np.sqrt(np.clip(1 - _ROUNDING / power, 0.0, 1.0)))
-    inner = slice(_BORDER_PX, -_BORDER_PX)
-    return np.clip(smooth, image - _HALF, image + _HALF)[inner, inner]
+    image = codes.astype(np.float64)
+    level = np.clip(_smooth(image), image - _HALF, image + _HALF)
+    return level + _within(level, image)
+
+
+def _smooth(image: Image) -> Image:
+    """Keep of each tile's bands the share of their power that is not rounding's."""
+    step = _TILE_PX // 2
+    down, across = (side + -side % step for side in image.shape)
+    more = ((step, step + down - image.shape[0]), (step, step + across - image.shape[1]))
+    padded = np.pad(image, more, mode="reflect")
+    total = np.zeros_like(padded)
+    for row, column in itertools.product(range(0, down + 1, step), range(0, across + 1, step)):
+        place = np.s_[row : row + _TILE_PX, column : column + _TILE_PX]
+        tile = padded[place]
+        faded = _FADE * (tile - tile.mean())
+        power = np.maximum(bands.power(faded) / np.mean(_FADE**2), 1e-12)
+        gain = np.sqrt(np.clip(1 - _ROUNDING / power, 0.0, 1.0))
+        total[place] += _FADE * bands.filtered(tile, gain)
+    return total[step : step + image.shape[0], step : step + image.shape[1]]
+
+
+def _within(level: Image, codes: Image) -> Image:
+    """Smooth offsets of even places, drawn evenly from what leaves all around within its code."""
+    square = np.ones((_EVEN_PX, _EVEN_PX), np.uint8)
+    even = cv2.dilate(codes, square) - cv2.erode(codes, square) <= 1
+    below, above = (
+        cv2.blur(cv2.erode(np.where(even, side, 0.0), square), square.shape)
+        for side in (level - codes + _HALF, codes + _HALF - level)
+    )
+    rng = np.random.Generator(np.random.SFC64(_LEVELS))
+    field = cv2.GaussianBlur(rng.standard_normal(level.shape), (0, 0), _SMOOTH_PX)
+    return special.ndtr(field / field.std()) * (below + above) - below

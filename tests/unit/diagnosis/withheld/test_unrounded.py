@@ -42,6 +42,16 @@ def test_what_is_far_above_rounding_stays():
     assert _finest(made) == pytest.approx(_finest(image), rel=0.02)
 
 
+def test_even_places_lie_anywhere_within_their_codes():
+    """Moved by a share of a code that share of them has another, whatever the share."""
+    codes = np.kron(np.array([[7, 8], [9, 30]], np.uint8), np.ones((300, 400), np.uint8))
+    level = unrounded(codes)
+    np.testing.assert_array_equal(np.rint(level), codes)
+    for moved in (0.1, 0.3, 0.5, 0.8):
+        assert (np.rint(level + moved) > codes).mean() == pytest.approx(moved, abs=0.06)
+    assert np.abs(np.diff(level[100:200, 100:300], axis=1)).max() < 0.2
+
+
 def _finest(image: np.ndarray) -> float:
     """Variance per pixel that white noise of the finest structures' power would have."""
     power = np.abs(np.fft.fft2(image - image.mean())) ** 2 / image.size
