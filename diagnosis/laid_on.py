@@ -69,7 +69,8 @@ class Known:
     captured: Image  # Whole codes.
     without: Image  # Simulated, not rounded.
     still: Image  # Likewise, without noise and speckle.
-    noise: Image  # Speckle and rounding of one image, others than theirs.
+    noise: Image  # Noise and speckle of one image, others than theirs,
+    rounding: Image  # and what whole codes of it are off.
 
     @cached_property
     def spectra(self) -> list[_Spectra]:
@@ -77,9 +78,9 @@ class Known:
         return _block_spectra(self.captured, self.without, self.still, np.rint(self.without))
 
     @cached_property
-    def noisiness(self) -> Image:
-        """Power of the noise by band."""
-        return _by_band(_own(_spectra(self.noise)))
+    def noisiness(self) -> tuple[Image, Image]:
+        """Powers of noise and of rounding by band."""
+        return _by_band(_own(_spectra(self.noise))), _by_band(_own(_spectra(self.rounding)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +125,7 @@ def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Image:
         _told(of, *(_spectra(one[block.window]) for one in (other, changed.still, rounded)))
         for block, of in zip(blocks, spectra or known.spectra, strict=True)
     ]
-    more, less, quieter = _powers(told, known.noisiness)
+    more, again, less, quieter = _powers(told, *known.noisiness)
     filtered, same = np.zeros_like(seen), np.zeros_like(base)
     noise = base - still
     for of, by in zip(blocks, told, strict=True):
@@ -133,8 +134,9 @@ def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Image:
         _add(same, noise, of, _kernel(by.of_noise))
     curve = _curve(same, other - same)
     rest = other - same - curve.step(same)
-    rest = cv2.filter2D(rest, -1, _kernel(less)) + cv2.filter2D(known.noise, -1, _kernel(more))
-    laid = filtered + curve.step(filtered) + rest
+    laid = filtered + curve.step(filtered)
+    for one, by in ((rest, less), (known.noise, more), (known.rounding, again)):
+        laid += cv2.filter2D(one, -1, _kernel(by))
     return np.clip(laid, 0, ceiling).astype(np.float32)
 
 
@@ -182,7 +184,7 @@ def pairs_laid_on(
 
 
 def _known(captured: NDArray, without: Image, still: Image, another: Image) -> Known:
-    images = captured, without, still, np.rint(another) - still
+    images = captured, without, still, another - still, np.rint(another) - another
     return Known(*(_single(one) for one in images))
 
 
@@ -233,7 +235,8 @@ class _Told:
 
     of_scene: Spectrum  # h, also for the captured image;
     of_noise: Spectrum  # that of simulated noise and speckle.
-    missing: Image  # Power that the image with the effect should have beyond the first's,
+    missing: Image  # Power that the image with the effect should have beyond the first's;
+    rounding: Image  # of it what h takes of the noise of whole codes, which is alike everywhere;
     rest: Image  # that of what both leave of the simulated one,
     filtered: Image  # and that of the captured image, filtered.
 
@@ -283,8 +286,8 @@ def _told(of: _Spectra, other: Spectrum, moved: Spectrum, codes: Spectrum) -> _T
     noise, changed = base - still, other - moved
     drawn = _own(noise)
     since = np.clip(_own(codes) - moved_scene, 0.0, None)
-    of_noise = (_mean(noise, changed) + _ROUNDING) / (drawn + _ROUNDING)
-    together = _mean(still, moved)
+    of_noise = ((noise.conj() * changed).mean(0) + _ROUNDING) / (drawn + _ROUNDING)
+    together = (still.conj() * moved).mean(0)
     alone = np.clip(moved_scene - np.abs(together) ** 2 / (scene + _LITTLE), 0.0, None)
     unsure = _LITTLE + _UNSURE * alone
     of_scene = (together + unsure * of_noise) / (scene + unsure)
@@ -298,13 +301,14 @@ def _told(of: _Spectra, other: Spectrum, moved: Spectrum, codes: Spectrum) -> _T
         of_scene=of_scene,
         of_noise=of_noise,
         missing=(1 - kept) * quiet + added,
+        rounding=np.clip(1 - kept, 0.0, None) * np.minimum(quiet, _ROUNDING),
         rest=_own(other - of_scene * still - of_noise * noise),
         filtered=kept * captured,
     )
 
 
-def _powers(told: Sequence[_Told], there: Image) -> tuple[Spectrum, Spectrum, Spectrum]:
-    """Factors (h, w // 2 + 1) of noise, whose power is there, of the rest and of what was captured.
+def _powers(told: Sequence[_Told], noise: Image, rounding: Image) -> list[Spectrum]:
+    """Factors (h, w // 2 + 1) of noise and rounding, of the rest and of what was captured.
 
     Alike in all blocks and directions, as chance has its part in every single frequency.
     """
@@ -313,25 +317,23 @@ def _powers(told: Sequence[_Told], there: Image) -> tuple[Spectrum, Spectrum, Sp
         centres = 0.5 * (_EDGES[1:] + _EDGES[:-1])
         return np.interp(_RADIUS, centres, np.sqrt(np.clip(share, least**2, most**2)))
 
-    missing, rest, filtered = (
+    missing, taken, rest, filtered = (
         _by_band(np.mean([getattr(block, name) for block in told], axis=0))
-        for name in ("missing", "rest", "filtered")
+        for name in ("missing", "rounding", "rest", "filtered")
     )
+    taken = np.clip(np.minimum(taken, missing - rest), 0.0, None)
     little = 1e-6 * filtered.mean() + 1e-12
-    return (
-        root((missing - rest) / (there + little), 0.0, _MOST),
+    return [
+        root((missing - rest - taken) / (noise + little), 0.0, _MOST),
+        root(taken / (rounding + little), 0.0, _MOST),
         root(missing / (rest + little), 0.0, 1.0),
         root(1.0 + np.minimum(missing, 0.0) / (filtered + little), _LEAST, 1.0),
-    )
+    ]
 
 
 def _by_band(power: Image) -> Image:
     found = np.bincount(_BAND, power.ravel(), _BANDS)
     return found / np.bincount(_BAND, minlength=_BANDS)
-
-
-def _mean(one: Spectrum, other: Spectrum) -> Spectrum:
-    return (one.conj() * other).mean(0)
 
 
 def _own(one: Spectrum) -> Image:

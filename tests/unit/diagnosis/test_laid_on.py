@@ -78,8 +78,9 @@ def simulated(do: Do) -> Simulated:
 
 
 def laid(captured: np.ndarray, of: Simulated) -> np.ndarray:
-    noise = (taken(0.0, plain, 9) - of.still).astype(np.float32)
-    known = Known(captured.astype(np.float32), of.without, of.still, noise)
+    another = exact(0.0, plain, 9)
+    noise = another - of.still, np.rint(another) - another
+    known = Known(captured.astype(np.float32), of.without, of.still, *noise)
     return laid_on(known, of.changed, ceiling=255)
 
 
