@@ -15,7 +15,6 @@ import argparse
 import json
 import sys
 import time
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -35,6 +34,7 @@ from patterns.errors import refuse
 from sim import asked_sensor, capture, effects, output, progress, record
 from sim.capture import CapturedScene, CaptureSet
 from sim.sensor import Sensor
+from sim.simulate_captures import scene_seed
 from sim.threads import single_threaded
 
 Kept = dict[Arm, tuple[Bench, Screen]]
@@ -84,7 +84,7 @@ def diagnose(
         for path, tried in _missing(out, folder.name, without).items():
             if less is None or not _as_before(*less, tried):
                 part = [(table, arms.of_families(screen, tried)) for table, screen in screens]
-                seed = zlib.crc32(folder.name.encode())
+                seed = scene_seed(0, folder.name)
                 less = tried, _told(named.named(part, locked), seed=seed)
             told = {**less[1], "seconds": round(time.perf_counter() - begun, 3)}
             output.write_file(path, record.dumps(figures.plain(told)).encode())
@@ -101,7 +101,7 @@ def _as_before(before: frozenset[str], told: Mapping[str, Any], tried: frozenset
 
 def _missing(out: Path, case: str, without: Mapping[str, str] | None) -> dict[Path, frozenset[str]]:
     """Verdicts that a capture set has not yet, and the families that are tried for each."""
-    every = frozenset(row.family for row in effects.table())
+    every = frozenset(families.known())
     tables = {out: every}
     if without is not None:
         gone = effects.named(without[case])

@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from diagnosis import families as table
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.report import figures as numbers
 from diagnosis.report.page import page
-from patterns.errors import one_of, refuse
-from sim import backend, capture, effects, progress, record, sensors
+from patterns.errors import refuse
+from sim import backend, capture, progress, record, sensors
 from sim.effects import setting
 from sim.output import RECORD, OutputFolder, refuse_own_input
 from sim.sensor import Sensor
@@ -113,12 +114,10 @@ def diagnose_captures(
 
 def _tried(families: Sequence[str], leave_out: Sequence[str]) -> list[str] | None:
     """Families that are asked for and not left out; None where that is all of them."""
-    known = sorted({row.family for row in effects.table()})
-    for family in leave_out:
-        one_of("family", family, known)
+    table.refuse_others(leave_out)
     if not families and not leave_out:
         return None
-    tried = [family for family in families or known if family not in leave_out]
+    tried = [family for family in families or table.known() if family not in leave_out]
     if not tried:
         rule = "must leave a family to try"
         raise refuse("leave-out", rule, " ".join(leave_out), "Leave out fewer.")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from diagnosis.complete import complete
 from diagnosis.crew import Crew
+from diagnosis.families import refuse_others
 from diagnosis.howfar.judged import Judged
 from diagnosis.howfar.residual import METHOD, Residual, learn
 from diagnosis.limits import limits_of
@@ -22,8 +23,8 @@ from diagnosis.which.arm import Found
 from diagnosis.which.candidates import Arm
 from diagnosis.which.noticed import Noticed, noticed
 from learning import registry
-from patterns.errors import InputError, one_of, refuse
-from sim import effects, progress
+from patterns.errors import InputError, refuse
+from sim import progress
 from sim.capture import CaptureSet
 from sim.effects.effect import Value
 from sim.sensor import Sensor
@@ -80,9 +81,7 @@ def diagnose(
             none, a residual is asked for against another set or without torch, or the sensor is
             none of stereo.
     """
-    known = sorted({row.family for row in effects.table()})
-    for family in families or ():
-        one_of("family", family, known)
+    refuse_others(families or ())
     if sensor.kind == "structured_light":
         rule = "must be a stereo camera's"
         raise refuse("sensor", rule, sensor.kind, "Structured light has no pair to compare.")

@@ -10,10 +10,11 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from diagnosis import program
+from patterns.errors import one_of
 from sim import effects, output
 from sim.effects.effect import Effect
 
@@ -25,6 +26,21 @@ def twins(of: Effect) -> list[str]:
         for row in effects.table()
         if row.name in of.confused_with or of.name in row.confused_with
     ]
+
+
+def known() -> list[str]:
+    """All families of the table, by name."""
+    return sorted({row.family for row in effects.table()})
+
+
+def refuse_others(names: Iterable[str]) -> None:
+    """Refuse names that are no family of the table.
+
+    Raises:
+        InputError: for the first of them.
+    """
+    for name in names:
+        one_of("family", name, known())
 
 
 def write(out: Path) -> None:

@@ -30,7 +30,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -201,6 +201,7 @@ class _Block:
     weight: Image  # and how much there.
 
 
+@lru_cache(maxsize=1)  # All images of a run have one shape.
 def _blocks(shape: tuple[int, ...]) -> list[_Block]:
     """Blocks whose weights fall off from their middles on and add up to 1."""
     sides = []
@@ -245,11 +246,14 @@ class _Told:
 class _Spectra:
     """Of one block's tiles (n, h, w // 2 + 1), after the curve where that comes first."""
 
-    base: Spectrum  # Simulated without the effect,
-    still: Spectrum  # and without noise and speckle too.
+    noise: Spectrum  # Simulated without the effect, noise and speckle alone,
+    still: Spectrum  # and all but these.
     captured: Image  # Power of the captured block,
     scene: Image  # of the still one,
-    rounded: Image  # and of noise and speckle with what rounding adds.
+    drawn: Image  # of noise and speckle,
+    rounded: Image  # of these with what rounding adds,
+    share: Image  # what of that the captured one has,
+    quiet: Image  # and what of its power is no scene.
 
 
 def _block_spectra(captured: Image, base: Image, still: Image, codes: Image) -> list[_Spectra]:
@@ -261,14 +265,12 @@ def _block_spectra(captured: Image, base: Image, still: Image, codes: Image) -> 
 
 def _of_block(captured: Image, base: Image, still: Image, codes: Image) -> _Spectra:
     of_still = _spectra(still)
-    scene = _own(of_still)
-    return _Spectra(
-        base=_spectra(base),
-        still=of_still,
-        captured=_own(_spectra(captured)),
-        scene=scene,
-        rounded=np.clip(_own(_spectra(codes)) - scene, _LITTLE, None),
-    )
+    noise = _spectra(base) - of_still
+    power, scene = _own(_spectra(captured)), _own(of_still)
+    rounded = np.clip(_own(_spectra(codes)) - scene, _LITTLE, None)
+    share = np.clip(_by_band(power) / _by_band(rounded), 0.0, 1.0)[_BAND].reshape(scene.shape)
+    quiet = np.minimum(power, share * rounded)
+    return _Spectra(noise, of_still, power, scene, _own(noise), rounded, share, quiet)
 
 
 def _told(of: _Spectra, other: Spectrum, moved: Spectrum, codes: Spectrum) -> _Told:
@@ -280,30 +282,25 @@ def _told(of: _Spectra, other: Spectrum, moved: Spectrum, codes: Spectrum) -> _T
         moved: without noise and speckle too,
         codes: and the first rounded.
     """
-    base, still = of.base, of.still
-    captured, scene, rounded = of.captured, of.scene, of.rounded
+    still, noise, scene = of.still, of.noise, of.scene
     moved_scene = _own(moved)
-    noise, changed = base - still, other - moved
-    drawn = _own(noise)
     since = np.clip(_own(codes) - moved_scene, 0.0, None)
-    of_noise = ((noise.conj() * changed).mean(0) + _ROUNDING) / (drawn + _ROUNDING)
+    of_noise = ((noise.conj() * (other - moved)).mean(0) + _ROUNDING) / (of.drawn + _ROUNDING)
     together = (still.conj() * moved).mean(0)
     alone = np.clip(moved_scene - np.abs(together) ** 2 / (scene + _LITTLE), 0.0, None)
     unsure = _LITTLE + _UNSURE * alone
     of_scene = (together + unsure * of_noise) / (scene + unsure)
-    share = np.clip(_by_band(captured) / _by_band(rounded), 0.0, 1.0)[_BAND].reshape(scene.shape)
-    quiet = np.minimum(captured, share * rounded)  # Of the captured power what is no scene.
     kept = np.abs(of_scene) ** 2
-    added = since - rounded
-    added[added < 0] *= share[added < 0]  # Noise that is not there cannot be taken.
+    added = since - of.rounded
+    added[added < 0] *= of.share[added < 0]  # Noise that is not there cannot be taken.
     added += moved_scene - kept * scene  # What no filter makes of the scene.
     return _Told(
         of_scene=of_scene,
         of_noise=of_noise,
-        missing=(1 - kept) * quiet + added,
-        rounding=np.clip(1 - kept, 0.0, None) * np.minimum(quiet, _ROUNDING),
+        missing=(1 - kept) * of.quiet + added,
+        rounding=np.clip(1 - kept, 0.0, None) * np.minimum(of.quiet, _ROUNDING),
         rest=_own(other - of_scene * still - of_noise * noise),
-        filtered=kept * captured,
+        filtered=kept * of.captured,
     )
 
 

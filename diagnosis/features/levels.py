@@ -11,8 +11,8 @@ _PERCENTILES = (1, 5, 25, 50, 75, 95, 99, 99.9)
 
 
 def levels(image: Image, ground: Ground, ceiling: float) -> dict[str, float]:
-    """Logarithms of mean levels (1 code added) and of percentiles; share of full pixels,
-    and of how many codes there are (`codes`).
+    """Logarithms of mean levels (1 code added) and of percentiles; share of full pixels;
+    share of codes that are empty, and how far codes are off their neighbours in number.
 
     Args:
         image: (h, w) codes of one imager, warped into the left view or the left itself.

@@ -98,7 +98,7 @@ def _begun(first: Sequence[Fit], trial: Trial, every: Sequence[Fit]) -> Model:
     """
     nothing = Model((), (), trial.likelihood.nothing)
     if not first or first[0].total < trial.threshold:
-        return _enough(first, trial) or nothing
+        return _enough(first, trial)
     best = first[0]
     alone = simulated(trial, nothing.wider(best)) or nothing
     if not trial.explained(alone.made()):
@@ -110,8 +110,8 @@ def _begun(first: Sequence[Fit], trial: Trial, every: Sequence[Fit]) -> Model:
     return alone
 
 
-def _enough(first: Sequence[Fit], trial: Trial) -> Model | None:
-    """The best effect that alone leaves nothing of a gap unexplained.
+def _enough(first: Sequence[Fit], trial: Trial) -> Model:
+    """The best effect that alone leaves nothing of a gap unexplained, or none.
 
     The threshold is what tells an effect from no gap. Where there plainly is a gap, to call it none
     of the known effects is wrong where one of them explains it.
@@ -123,7 +123,7 @@ def _enough(first: Sequence[Fit], trial: Trial) -> Model | None:
         alone = simulated(trial, nothing.wider(one))
         if alone is not None and _is_enough(alone, trial):
             return alone
-    return None
+    return nothing
 
 
 def _is_enough(model: Model, trial: Trial) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy import fft
 from numpy.typing import NDArray
@@ -33,6 +35,7 @@ def filtered(image: Image, gain: NDArray[np.float64]) -> Image:
     return np.asarray(fft.irfft2(spectrum, image.shape)) + mean
 
 
+@lru_cache(maxsize=2)  # Tiles of one image are asked for one after the other.
 def _band(shape: tuple[int, ...]) -> NDArray[np.int64]:
     down, across = fft.fftfreq(shape[0]), fft.rfftfreq(shape[1])
     fineness = np.hypot(down[:, None], across[None, :])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from types import SimpleNamespace
 from typing import Any
 
@@ -107,6 +108,25 @@ class WithPartner(FakeBench):
             moved = MADE["crosstalk"].change[-1]
             table = table + settings["second_projector.x"] * moved * settings["second_projector"]
         return table
+
+
+PARTNERED = effects.named("second_projector")  # Shines like a veil; where it stands moves that.
+SHINES = dataclasses.replace(
+    MADE["veil"],
+    candidate=dataclasses.replace(candidate("veil"), name=PARTNERED.name, effect=PARTNERED),
+)
+IDLE = Signature(
+    Candidate(
+        name="second_projector.x",
+        effect=PARTNERED,
+        arm=Arm.IMAGE,
+        base=0.0,
+        nodes=(-0.5, 0.25, 0.5),
+    ),
+    (-0.5, 0.0, 0.25, 0.5),
+    np.zeros((4, SCENES, FEATURES)),
+)
+SHINING = WithPartner({**MADE, PARTNERED.name: SHINES})
 
 
 def searched(

@@ -23,16 +23,18 @@ from tests.unit.diagnosis.made_gaps import (
     BASE,
     FEATURES,
     HELD,
+    IDLE,
     MADE,
     NAMES,
     ONES,
     ROOMS,
     SCENES,
     SEEDS,
+    SHINES,
+    SHINING,
     SIGNATURES,
     VALUES,
     FakeBench,
-    WithPartner,
     candidate,
     likelihood_of,
     noise,
@@ -101,43 +103,30 @@ def test_a_compromise_gives_way_to_what_gains_more_beside_the_rest():
 
 
 def test_another_number_of_an_accepted_effect_is_found_where_more_is_left():
-    row = effects.named("second_projector")
-    first = dataclasses.replace(candidate("veil"), name=row.name, effect=row)
-    shines = dataclasses.replace(MADE["veil"], candidate=first)
-    bench: Any = WithPartner({**MADE, row.name: shines})
-    second = Candidate(
-        name="second_projector.x", effect=row, arm=Arm.IMAGE, base=0.0, nodes=(-0.5, 0.25, 0.5)
-    )
-    gap = noise(7) + bench.change({"second_projector": 0.6, "second_projector.x": 0.4})
-    likelihood = BASE.likelihood(gap, ONES)
-    closer = [fit(one, likelihood, HELD) for one in (shines, MADE["read_noise"])]
-    idle = Signature(second, (-0.5, 0.0, 0.25, 0.5), np.zeros((4, SCENES, FEATURES)))
-    alone = [*closer, fit(idle, likelihood, HELD)]
-    found = search.search(trial(bench, likelihood), closer, alone)
+    truth = SHINING.change({"second_projector": 0.6, "second_projector.x": 0.4})
+    assert truth is not None
+    likelihood = BASE.likelihood(noise(7) + truth, ONES)
+    closer = [fit(one, likelihood, HELD) for one in (SHINES, MADE["read_noise"])]
+    alone = [*closer, fit(IDLE, likelihood, HELD)]
+    found = search.search(trial(SHINING, likelihood), closer, alone)
     assert list(found.settings) == ["second_projector", "second_projector.x"]
     assert found.settings["second_projector.x"] == pytest.approx(0.4, abs=0.06)
     assert total(found.left, ONES) < 0.2 * likelihood.size(likelihood.nothing)
-    enough = search.search(trial(bench, likelihood, explained_below=1e6), closer, alone)
+    enough = search.search(trial(SHINING, likelihood, explained_below=1e6), closer, alone)
     assert list(enough.settings) == ["second_projector"]
 
 
 def test_a_number_of_an_effect_is_accepted_once_though_something_else_is_left():
     """`_completed` is asked twice of the same effect."""
-    row = effects.named("second_projector")
-    first = dataclasses.replace(candidate("veil"), name=row.name, effect=row)
-    shines = dataclasses.replace(MADE["veil"], candidate=first)
-    bench: Any = WithPartner({**MADE, row.name: shines})
-    second = Candidate(
-        name="second_projector.x", effect=row, arm=Arm.IMAGE, base=0.0, nodes=(-0.5, 0.25, 0.5)
-    )
-    likelihood = BASE.likelihood(noise(7) + bench.change({row.name: 0.6, second.name: 0.4}), ONES)
-    asked = trial(bench, likelihood)
-    idle = Signature(second, (-0.5, 0.0, 0.25, 0.5), np.zeros((4, SCENES, FEATURES)))
-    alone = [fit(one, likelihood, HELD) for one in (shines, idle)]
-    model = simulated(asked, Model((shines,), (2.0,), likelihood.nothing))
+    truth = SHINING.change({SHINES.name: 0.6, IDLE.name: 0.4})
+    assert truth is not None
+    likelihood = BASE.likelihood(noise(7) + truth, ONES)
+    asked = trial(SHINING, likelihood)
+    alone = [fit(one, likelihood, HELD) for one in (SHINES, IDLE)]
+    model = simulated(asked, Model((SHINES,), (2.0,), likelihood.nothing))
     assert model is not None
     once = search._completed(model, asked, alone)
-    assert [one.name for one in once.terms] == [row.name, second.name]
+    assert [one.name for one in once.terms] == [SHINES.name, IDLE.name]
     assert search._completed(once, asked, alone) is once
 
 

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
 
 from diagnosis.which import search
-from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit
 from diagnosis.which.model import Model
 from diagnosis.which.signature import Signature
-from sim import effects
 from tests.unit.diagnosis.made_gaps import (
     BASE,
     FEATURES,
     HELD,
+    IDLE,
     MADE,
     ONES,
-    SCENES,
+    SHINES,
+    SHINING,
     VALUES,
     FakeBench,
     WithPartner,
@@ -91,20 +90,13 @@ def test_a_pair_has_to_outdo_the_best_effect_when_simulated():
 
 
 def test_where_a_second_projector_stands_is_asked_before_two_effects_that_make_up_for_it():
-    row = effects.named("second_projector")
-    shines = dataclasses.replace(
-        MADE["veil"], candidate=dataclasses.replace(candidate("veil"), name=row.name, effect=row)
-    )
-    stands = Candidate(
-        name="second_projector.x", effect=row, arm=Arm.IMAGE, base=0.0, nodes=(-0.5, 0.25, 0.5)
-    )
     truth = {"second_projector": 0.6, "second_projector.x": 0.4}
-    whole = WithPartner({**MADE, row.name: shines}).change(truth)
+    whole = SHINING.change(truth)
     assert whole is not None
     half = np.arange(FEATURES) % 2 == 0
     grown = np.array(VALUES)[:, None, None] * whole
     made = {
-        row.name: shines,
+        SHINES.name: SHINES,
         "lens_blur": Signature(candidate("lens_blur"), VALUES, np.where(half, grown, 0.0)),
         "crosstalk": Signature(candidate("crosstalk"), VALUES, np.where(half, 0.0, grown)),
     }
@@ -113,9 +105,8 @@ def test_where_a_second_projector_stands_is_asked_before_two_effects_that_make_u
         (fit(one, likelihood, HELD) for one in made.values()), key=lambda one: -one.total
     )
     asked = trial(WithPartner(made), likelihood)
-    assert closer[0].name == row.name and search._pairs(closer, asked)
-    idle = Signature(stands, (-0.5, 0.0, 0.25, 0.5), np.zeros((4, SCENES, FEATURES)))
-    found = search.search(asked, closer, [*closer, fit(idle, likelihood, HELD)])
+    assert closer[0].name == SHINES.name and search._pairs(closer, asked)
+    found = search.search(asked, closer, [*closer, fit(IDLE, likelihood, HELD)])
     assert found.settings == pytest.approx(truth, rel=0.15)
 
 
