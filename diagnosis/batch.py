@@ -87,7 +87,7 @@ def diagnose(
                 seed = scene_seed(0, folder.name)
                 less = tried, _told(named.named(part, locked), seed=seed)
             told = {**less[1], "seconds": round(time.perf_counter() - begun, 3)}
-            output.write_file(path, record.dumps(figures.plain(told)).encode())
+            output.write_file(path, record.dumps(told).encode())
             begun = time.perf_counter()
 
 

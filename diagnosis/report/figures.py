@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,43 +15,39 @@ from diagnosis.which.search import Accepted
 
 
 def figures(of: Diagnosis) -> dict[str, Any]:
-    """Return what `starling diagnose --json` prints: NaN is None there."""
-    return plain(
-        {
-            "verdict": of.kind,
-            "against": of.against,
-            "says": sentences.answer(of),
-            "effects": effects(of.arms),
-            "noticed": [dataclasses.asdict(one) for one in of.noticed],
-            "tell_apart": [dataclasses.asdict(one) for one in of.tell_apart],
-            "where": {
-                "parts": {name: _part(part) for name, part in of.where.parts.items()},
-                "rules": [dataclasses.asdict(rule) for rule in of.where.rules],
-                "rows": [dataclasses.asdict(row) for row in of.where.rows],
-                "off": [dataclasses.asdict(row) for row in of.where.off],
-                "maps": [
-                    {
-                        "quantity": one.quantity,
-                        "frame": one.frame,
-                        "mean": one.mean.tolist(),
-                        "deviations": one.deviations.tolist(),
-                    }
-                    for one in of.where.maps
-                ],
-                "bodies": [dataclasses.asdict(body) for body in of.where.bodies],
-            },
-            "which": {arm.bench.arm.value: _arm(arm) for arm in of.arms},
-            "howfar": _with_bound(howfar(of.howfar), of.residual),
-            "shares": {} if of.howfar is None else of.howfar.shares,
-            "absorption": (
-                {} if of.residual is None else dataclasses.asdict(of.residual.absorption)
-            ),
-            "scenes": of.scenes,
-            "locked": of.locked,
-            "fitted": of.fitted,
-            "limits": of.limits,
-        }
-    )
+    """Return what `starling diagnose --json` prints; NaN is null there (`sim.record.dumps`)."""
+    return {
+        "verdict": of.kind,
+        "against": of.against,
+        "says": sentences.answer(of),
+        "effects": effects(of.arms),
+        "noticed": [dataclasses.asdict(one) for one in of.noticed],
+        "tell_apart": [dataclasses.asdict(one) for one in of.tell_apart],
+        "where": {
+            "parts": {name: _part(part) for name, part in of.where.parts.items()},
+            "rules": [dataclasses.asdict(rule) for rule in of.where.rules],
+            "rows": [dataclasses.asdict(row) for row in of.where.rows],
+            "off": [dataclasses.asdict(row) for row in of.where.off],
+            "maps": [
+                {
+                    "quantity": one.quantity,
+                    "frame": one.frame,
+                    "mean": one.mean.tolist(),
+                    "deviations": one.deviations.tolist(),
+                }
+                for one in of.where.maps
+            ],
+            "bodies": [dataclasses.asdict(body) for body in of.where.bodies],
+        },
+        "which": {arm.bench.arm.value: _arm(arm) for arm in of.arms},
+        "howfar": _with_bound(howfar(of.howfar), of.residual),
+        "shares": {} if of.howfar is None else of.howfar.shares,
+        "absorption": ({} if of.residual is None else dataclasses.asdict(of.residual.absorption)),
+        "scenes": of.scenes,
+        "locked": of.locked,
+        "fitted": of.fitted,
+        "limits": of.limits,
+    }
 
 
 def effects(arms: Sequence[Found]) -> list[dict[str, Any]]:
@@ -127,14 +122,3 @@ def _arm(arm: Found) -> dict[str, Any]:
 
 def _before_and_after(sizes: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float]]:
     return {name: {"before": before, "after": after} for name, (before, after) in sizes.items()}
-
-
-def plain(value: Any) -> Any:
-    """Replace what JSON has no word for."""
-    if isinstance(value, dict):
-        return {name: plain(one) for name, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(one) for one in value]
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    return value

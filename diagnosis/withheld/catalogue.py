@@ -247,7 +247,7 @@ def check_names(values: Mapping[str, float]) -> None:
     """
     for name in values:
         if name not in ROWS:
-            raise refusal("effect", "must be one of the table", name, "See catalogue.ROWS.")
+            raise refusal("effect", "must be one of the table", name, "Take one of catalogue.ROWS.")
 
 
 def _check_value(name: str, value: float, nominal: Nominal) -> None:
@@ -257,10 +257,10 @@ def _check_value(name: str, value: float, nominal: Nominal) -> None:
     if row.scale == "choice":
         allowed = sorted({*row.choices, row.neutral_of(nominal)})
         if value not in allowed:
-            raise refusal(name, f"must be one of {allowed}", value, f"Unit: {row.unit}.")
+            raise refusal(name, f"must be one of {allowed}", value, "Give one of them.")
         return
     signed = -1 in row.signs and row.neutral == 0
     if (value < 0 and not signed) or (value == 0 and row.scale == "ratio"):
-        raise refusal(name, "must not be below its range", value, f"Unit: {row.unit}.")
+        raise refusal(name, "must not be below its range", value, "Give more.")
     if row.unit == "1" and row.most == 1 and value > 1:
-        raise refusal(name, "must be at most 1", value, "It is a share.")
+        raise refusal(name, "must be at most 1", value, "Give a share.")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import multiprocessing
 from collections.abc import Callable, Sequence
@@ -46,11 +45,11 @@ class Check:
         if given != (self._real, self._real):
             rule = "must be given for tier 4, and for no other"
             got = f"{self.captures} and {self.sensor} for tier {self.tier.number}"
-            raise refusal("captures and sensor", rule, got, "Real pairs are a real camera's.")
+            raise refusal("captures and sensor", rule, got, "Give both, or take tier 4.")
         if self._real and not self.infrared:
-            raise refusal("tier 4", "must have infrared", "none", "It has no depth of its own.")
+            raise refusal("tier 4", "must have infrared", "none", "Leave --no-infrared away.")
         if self.tier.arm == "image" and not self.infrared:
-            rule, advice = "must have infrared", "Its images alone are scored."
+            rule, advice = "must have infrared", "Leave --no-infrared away."
             raise refusal(f"tier {self.tier.number}", rule, "none", advice)
         if self._real and self.power:
             raise refusal("power", "must be asked of rendered light", "tier 4", "Ask tier 1.")
@@ -194,8 +193,8 @@ class Check:
             "cases": singles,
             "infrared": self.infrared,
             "power": self.power,
-            "captures": self.captures and self.captures.resolve().name,
-            "sensor": self.sensor and _content(self.sensor),
+            "captures": self.captures and _content(self.captures),
+            "sensor": self.sensor and _content(Path(self.sensor)),
         }
         return json.dumps(told, indent=1).encode()
 
@@ -251,10 +250,13 @@ class Check:
                 done.result()
 
 
-def _content(sensor: str) -> str:
-    """A preset's name, or the SHA-256 of a sensor file."""
-    path = Path(sensor)
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else sensor
+def _content(path: Path) -> str:
+    """SHA-256 of a file or of all files of a folder; of what is neither, a preset, the name."""
+    if path.is_file():
+        return seal.digest(path.read_bytes())
+    files = sorted(one for one in path.rglob("*") if one.is_file())
+    each = [f"{seal.digest(one.read_bytes())}  {one.relative_to(path)}\n" for one in files]
+    return seal.digest("".join(each).encode()) if files else path.name
 
 
 def _noticed(answered: Sequence[Answered]) -> float | None:

@@ -78,7 +78,7 @@ def goals(
         WithheldError: if there is no such tier.
     """
     if tier not in TIERS:
-        raise refusal("tier", f"must be one of {TIERS}", tier, "Tiers differ in what is shared.")
+        raise refusal("tier", f"must be one of {TIERS}", tier, "Give one of them.")
     asked = _WITHOUT_INFRARED
     if infrared:
         asked = {key: pair[0 if tier in _OWN else 1] for key, pair in _GOALS.items()}

@@ -110,14 +110,21 @@ def inject(
     """
     for name in settings:
         if name not in EFFECTS:
-            raise refusal("injected effect", f"must be one of {sorted(EFFECTS)}", name, "Leave it.")
+            raise refusal(
+                "injected effect", f"must be one of {sorted(EFFECTS)}", name, "Leave it out."
+            )
     for image in (left_dn, right_dn):
         if image.shape != nominal.shape:
-            raise refusal("image", f"must be of shape {nominal.shape}", image.shape, "See nominal.")
+            raise refusal(
+                "image",
+                f"must be of shape {nominal.shape}",
+                image.shape,
+                "Give images of the nominal camera.",
+            )
     strengths = Strengths(nominal=nominal, values=settings)
     for name in sorted(UPWARDS):
         if strengths.of(name) < Strengths(nominal=nominal, values={}).of(name):
-            raise refusal(name, "must not be below nominal", settings[name], "It cannot be undone.")
+            raise refusal(name, "must not be below nominal", settings[name], "Give more.")
     draws = Draws(seed=seed, scene=scene, frame=frame)
     left, right = (
         _Injection(strengths=strengths, side=side, draws=draws, exposed_again=exposed_again).into(

@@ -68,7 +68,12 @@ def _view(held: dict[str, np.ndarray], side: str, shape: tuple[int, int]) -> Vie
         if key not in held:
             raise refusal(FILE, f"must hold {key}", sorted(held), "Make the light again.")
         if held[key].shape != shape:
-            raise refusal(key, f"must be of shape {shape}", held[key].shape, "See nominal.json.")
+            raise refusal(
+                key,
+                f"must be of shape {shape}",
+                held[key].shape,
+                "Make the light for this nominal.json.",
+            )
         return held[key]
 
     def light(name: str) -> Image:

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from diagnosis.withheld.errors import refusal
 
 FILE = "nominal.json"
+_PLACES = {"cx_px", "cy_px", "projector_x_m"}  # Of any sign.
 _MAY_BE_ZERO = {
-    "cx_px",
-    "cy_px",
     "ambient_w_m2",
     "ambient_gradient",
     "black_level_dn",
@@ -27,7 +26,6 @@ _MAY_BE_ZERO = {
     "lens_blur_px",
     "smoothing_px",
     "speckle_contrast",
-    "projector_x_m",
 }
 
 
@@ -72,9 +70,13 @@ class Nominal:
                 continue
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise refusal(item.name, "must be a number", repr(value), f"Correct {FILE}.")
+            if not math.isfinite(value):
+                raise refusal(item.name, "must be finite", value, f"Correct {FILE}.")
+            if item.name in _PLACES:
+                continue
             free = item.name in _MAY_BE_ZERO
-            if not math.isfinite(value) or (value < 0 if free else value <= 0):
-                rule = "must be finite and >= 0" if free else "must be finite and > 0"
+            if value < 0 if free else value <= 0:
+                rule = "must be >= 0" if free else "must be > 0"
                 raise refusal(item.name, rule, value, f"Correct {FILE}.")
 
     @property

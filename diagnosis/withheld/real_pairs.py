@@ -13,7 +13,8 @@ The device's own depth does not follow what is done to an image, so captures hol
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -128,19 +129,24 @@ class RealPairs:
             capture_files.write(out / scene.name / "0" / "ir_right.png", pair.right)
 
 
-def _scenes(captures: Path) -> Sequence[CapturedScene]:
+@contextmanager
+def _refused() -> Iterator[None]:
+    """What captures refuse, in this package's way."""
     try:
-        return capture.open_set(captures).scenes
+        yield
     except capture.errors.InputError as error:
         raise WithheldError(str(error)) from error
+
+
+def _scenes(captures: Path) -> Sequence[CapturedScene]:
+    with _refused():
+        return capture.open_set(captures).scenes
 
 
 def _pair(scene: CapturedScene) -> tuple[Codes, Codes]:
     """The first infrared pair of a scene."""
-    try:
+    with _refused():
         frame = scene.frame(scene.frames[0])
-    except capture.errors.InputError as error:
-        raise WithheldError(str(error)) from error
     if frame.ir_left is None or frame.ir_right is None:
         name = f"scene {scene.name}"
         raise refusal(name, "must hold an infrared pair", scene.path, "Leave it out.")

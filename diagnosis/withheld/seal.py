@@ -48,14 +48,14 @@ def seal(cases: Sequence[Case], told: Mapping[str, bytes], hidden: Path, public:
     if (public / SEAL).exists():
         raise refusal("seal", "must not be broken", public / SEAL, "Give new folders.")
     text = case.dumps(cases).encode()
-    prints = {TRUTH: _digest(text), **{name: _digest(one) for name, one in told.items()}}
+    prints = {TRUTH: digest(text), **{name: digest(one) for name, one in told.items()}}
     prints[CODE] = code()
     hidden.mkdir(parents=True, exist_ok=True)
     public.mkdir(parents=True, exist_ok=True)
     _write(hidden / TRUTH, text)
     for name, content in told.items():
         _write(public / name, content)
-    lines = [f"{digest}  {name}\n" for name, digest in prints.items()]
+    lines = [f"{value}  {name}\n" for name, value in prints.items()]
     _write(public / SEAL, "".join(lines).encode())
     return prints[TRUTH]
 
@@ -76,10 +76,12 @@ def verify(told: Mapping[str, bytes], hidden: Path, public: Path) -> tuple[Case,
         text = (hidden / TRUTH).read_bytes()
     except OSError as error:
         raise refusal("seal", "must have a truth", hidden, f"{error}.") from error
-    if _digest(text) != sealed.get(TRUTH):
-        raise refusal("truth", "must be the one sealed", hidden / TRUTH, "It was changed since.")
+    if digest(text) != sealed.get(TRUTH):
+        raise refusal(
+            "truth", "must be the one sealed", hidden / TRUTH, "Put it back, or give a new folder."
+        )
     for name, content in told.items():
-        if _digest(content) != sealed.get(name):
+        if digest(content) != sealed.get(name):
             rule = f"must be what {public / name} has"
             advice = "Ask the same of this folder, with the same table, or give another."
             raise refusal(name, rule, _start(content), advice)
@@ -110,7 +112,7 @@ def _sealed(public: Path) -> dict[str, str]:
     """Fingerprints by what they are of."""
     try:
         lines = (public / SEAL).read_text(encoding="ascii").splitlines()
-        return {name: digest for digest, name in (line.split("  ") for line in lines)}
+        return {name: value for value, name in (line.split("  ") for line in lines)}
     except (OSError, ValueError) as error:
         raise refusal("seal", "must have fingerprints", public / SEAL, f"{error}.") from error
 
@@ -133,7 +135,8 @@ def families(content: bytes) -> dict[str, str]:
         raise refusal("families", rule, type(error).__name__, advice) from error
 
 
-def _digest(content: bytes) -> str:
+def digest(content: bytes) -> str:
+    """SHA-256 in hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()
 
 

@@ -263,10 +263,17 @@ def test_effects_in_real_pairs_are_diagnosed_against_the_pairs(done, tmp_path):
     real = Check(out=tmp_path / "run", tier=pairs, blender=Path("none"), jobs=1, **asked)
     cases = real.prepared()
     assert {*TRIED} > {name for each in cases if each.kind == "single" for name in each.settings}
+    moved = (tmp_path / "real").rename(tmp_path / "moved")
+    real = dataclasses.replace(real, captures=moved)
+    assert real.prepared() == cases
     real.diagnosed(cases)
     scores = real.scored(cases)
     assert scores["tier"] == 4 and scores["false_alarm"] == 0
     assert scores["top1"] >= 0.5
+    path = next(moved.rglob("ir_left.png"))
+    path.write_bytes(path.read_bytes() + b"0")
+    with pytest.raises(WithheldError, match=r"asked\.json must be what"):
+        real.prepared()
 
 
 def test_real_pairs_are_for_their_own_tier(tmp_path, capsys):

@@ -51,7 +51,7 @@ class Body:
                 f"kind of {self.name}",
                 "must be one that Cycles is told",
                 repr(self.kind),
-                f"Known: {', '.join(KINDS)}.",
+                f"Take one of {', '.join(KINDS)}.",
             )
 
 

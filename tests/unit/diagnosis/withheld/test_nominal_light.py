@@ -37,12 +37,17 @@ def test_optional_keys_may_be_missing(light_set: Path) -> None:
     assert nominal.read(_edit(light_set, **gone)).f_number is None
 
 
+def test_a_projector_left_of_the_left_imager_is_read(light_set: Path) -> None:
+    assert nominal.read(_edit(light_set, projector_x_m=-0.03)).projector_x_m == -0.03
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"width": "gone"}, "nominal.json must have the key width; got"),
-        ({"gain": 0}, "gain must be finite and > 0; got 0"),
-        ({"read_noise_e": -1.0}, "read_noise_e must be finite and >= 0; got -1.0"),
+        ({"gain": 0}, "gain must be > 0; got 0"),
+        ({"read_noise_e": -1.0}, "read_noise_e must be >= 0; got -1.0"),
+        ({"projector_x_m": math.inf}, "projector_x_m must be finite; got inf"),
         ({"gain": True}, "gain must be a number; got True"),
         ({"power_w": "a lot"}, "power_w must be a number; got 'a lot'"),
     ],
