@@ -80,23 +80,12 @@ def diagnose(
         subjects = _subjects(folder.name, pairs, sensor, subjects, others)
         asked, locked = named.parted(subjects)
         screens = [_screened(arm, asked, kept, cache) for arm in named.open_arms(subjects, asked)]
-        less: tuple[frozenset[str], dict[str, Any]] | None = None  # Tried before, and what it gave.
         for path, tried in _missing(out, folder.name, without).items():
-            if less is None or not _as_before(*less, tried):
-                part = [(table, arms.of_families(screen, tried)) for table, screen in screens]
-                seed = scene_seed(0, folder.name)
-                less = tried, _told(named.named(part, locked), seed=seed)
-            told = {**less[1], "seconds": round(time.perf_counter() - begun, 3)}
+            part = [(table, arms.of_families(screen, tried)) for table, screen in screens]
+            told = _told(named.named(part, locked), seed=scene_seed(0, folder.name))
+            told["seconds"] = round(time.perf_counter() - begun, 3)
             output.write_file(path, record.dumps(told).encode())
             begun = time.perf_counter()
-
-
-def _as_before(before: frozenset[str], told: Mapping[str, Any], tried: frozenset[str]) -> bool:
-    """Whether a verdict holds of fewer effects too: what many do not explain few do not either."""
-    if tried == before:
-        return True
-    unexplained = (arm["beyond"] > arm["below"] for arm in told["left"].values())
-    return tried < before and all(unexplained)
 
 
 def _missing(out: Path, case: str, without: Mapping[str, str] | None) -> dict[Path, frozenset[str]]:

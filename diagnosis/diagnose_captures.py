@@ -141,7 +141,7 @@ def as_text(told: Mapping[str, Any]) -> str:
     """Say what `diagnose_captures` returned: the answer, and where the report is."""
     lines = [*told["says"], f"Report: {told['report']}"]
     if told["fixed"] is not None:
-        standing_in = told["verdict"] == "none of the known" and told["effects"]
+        standing_in = any(one["stand_in"] for one in told["effects"])
         lines.append(f"Sensor: {told['fixed']}" + (", with stand-ins in it" if standing_in else ""))
     if told["not_in_sensor"]:
         lines.append(f"Of the scene, not of a sensor: {', '.join(told['not_in_sensor'])}")

@@ -93,6 +93,7 @@ def _effect(arm: Found, one: Accepted) -> dict[str, Any]:
         },
         "rival_gains": {rival.name: rival.total for rival in one.rivals},
         "gain": one.fit.total,
+        "stand_in": arm.unexplained,
     }
 
 

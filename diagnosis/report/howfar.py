@@ -11,7 +11,7 @@ import numpy as np
 from calibration.report.elements import counted, number
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.howfar.closed import Closed
-from diagnosis.report import residual
+from diagnosis.report import residual, sentences
 from diagnosis.report.elements import Bar, Kind, chart, interval, prose
 
 _KINDS: dict[str, Kind] = {"after": "second", "floor": "part", "bound": "third"}
@@ -54,18 +54,18 @@ def section(of: Diagnosis) -> str:
     )
     said = (
         f"Measured on {counted(len(of.locked), 'scene')} that had no say in what is named. {tells} "
-        "Floor: that of two simulated captures that differ by noise alone; matching the same "
-        "images again has none. Closed: before less after, over before less floor; above 100 % "
-        "what is left is less than noise alone would "
-        "have it, below 0 % it is more than before."
+        "Floor: that of two simulated captures that differ by noise alone, and, where the device's "
+        "matcher reads finer bits than its images have, by these. Closed: before less after, over "
+        "before less floor; above 100 % what is left is less than noise alone would have it, below "
+        "0 % it is more than before."
     )
     stand_ins = (
-        "What is named stands in for something unknown: what it closes tells how well it imitates, "
-        "not that it is there."
+        "Stand-ins are among what is named: what they close tells how well they imitate something "
+        "unknown, not that they are there."
     )
     return (
         prose(said)
-        + (prose(stand_ins) if of.kind == "none of the known" else "")
+        + (prose(stand_ins) if sentences.with_stand_ins(of) else "")
         + _closings(of.howfar.figures)
         + "".join(_figure(name, one, bound.get(name)) for name, one in of.howfar.figures.items())
         + _shares(of.howfar.shares)

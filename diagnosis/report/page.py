@@ -108,7 +108,7 @@ def _made(of: Diagnosis) -> str:
             f"{number(100 * OF_BEFORE[Arm.IMAGE], '.0f')} % of its size before "
             f"({number(100 * OF_BEFORE[Arm.DEPTH], '.0f')} % in the half of "
             f"matcher and filters). One room in {LOCKED}, of eight and more at least three, is "
-            "locked away by lot and only judges how far."
+            "locked away by lot: nothing is fitted to it or named by it, and it judges how far."
         )
         + (table(head, rows) if rows else "")
         + prose(

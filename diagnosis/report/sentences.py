@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.howfar.closed import Closed
 from diagnosis.report import groups
@@ -47,13 +49,28 @@ def _which(of: Diagnosis) -> str:
         return "These captures cannot tell which effect it is."
     if of.kind == "no gap":
         return "No gap was found that an effect would have to explain."
-    named = [_named(one) for arm in of.arms for one in arm.search.accepted]
-    said = "The gap is consistent with " + ", with ".join(named) if named else ""
     if of.kind == "effects":
-        return said + "."
+        named = [_named(one) for arm in of.arms for one in arm.search.accepted]
+        return f"The gap is consistent with {', with '.join(named)}."
     leads = [f"{STAGES[arm.bench.arm.value]}: {lead(arm)}" for arm in of.arms if arm.unexplained]
     rest = "None of the known effects explains the gap; what is left shows in " + "; ".join(leads)
-    return f"{rest}." + (f" {said} as stand-ins." if said else "")
+    return " ".join([f"{rest}.", *_beside(of)])
+
+
+def _beside(of: Diagnosis) -> Iterator[str]:
+    """What is named though a half is left unexplained: stand-ins there, effects in the other."""
+    for arm in of.arms:
+        named = [_named(one) for one in arm.search.accepted]
+        stage = STAGES[arm.bench.arm.value]
+        if named and arm.unexplained:
+            yield f"Stand-ins in {stage}: {', '.join(named)}."
+        elif named:
+            yield f"The gap in {stage} is consistent with {', with '.join(named)}."
+
+
+def with_stand_ins(of: Diagnosis) -> bool:
+    """Whether anything that is accepted stands in for an effect that is not known."""
+    return any(arm.unexplained and arm.search.accepted for arm in of.arms)
 
 
 def lead(arm: Found) -> str:
@@ -83,7 +100,7 @@ def _howfar(of: Diagnosis) -> str:
     scenes = "1 scene" if len(of.locked) == 1 else f"{len(of.locked)} scenes"
     if not said:
         return f"On {scenes} that had no say there was nothing to close."
-    by = " by stand-ins" if of.kind == "none of the known" else ""
+    by = " with stand-ins" if with_stand_ins(of) else ""
     return f"Closed of the gap on {scenes} that had no say{by}: " + ", ".join(said) + "."
 
 

@@ -32,19 +32,6 @@ def test_verdicts_that_are_there_are_not_missing(tmp_path: Path):
     assert len(batch._missing(tmp_path, "7", {"7": "roll"})) == 2
 
 
-def test_what_many_do_not_explain_few_do_not_either():
-    unknown, named, half = (
-        {"left": {arm: {"beyond": beyond, "below": 1.0} for arm, beyond in arms.items()}}
-        for arms in ({"image": 2.0}, {"image": 0.5}, {"image": 0.5, "depth": 2.0})
-    )
-    some = ALL - {"reflectance"}
-    assert batch._as_before(ALL, unknown, some)
-    assert not batch._as_before(ALL, named, some)
-    assert not batch._as_before(ALL, half, some)  # The image may explain itself by others.
-    assert not batch._as_before(some, unknown, ALL)
-    assert batch._as_before(some, named, some)  # An effect without twins.
-
-
 def test_families_are_written_whole(tmp_path: Path):
     assert families.main([str(tmp_path / "told.json")]) == 0
     told = json.loads((tmp_path / "told.json").read_text())

@@ -220,8 +220,24 @@ def test_none_of_the_known_is_a_verdict_and_leads():
         "the left, by x, brightness." in text
     )
     assert "Stand-in" in text and "Consistent with" not in text.split("Which")[-1]
-    assert "stands in for something unknown" in text and "by stand-ins: holes" in text
+    assert "imitate something unknown" in text and "with stand-ins: holes" in text
     assert "what is left here" not in Reader(page(FULL)).text
+
+
+def test_a_half_that_is_explained_has_no_stand_ins():
+    left = dataclasses.replace(NAMED, beyond=np.full_like(NAMED.beyond, 3.0))
+    leading = found(left, arm=Arm.DEPTH, leads=(("level",), ()))
+    one = diagnosis(kind="none of the known", arms=(found(NAMED), leading))
+    which = sentences.answer(one)[1]
+    name = NAMED.accepted[0].fit.name
+    assert f". The gap in the infrared images is consistent with {name} " in which
+    assert f" Stand-ins in the device's matcher and filters: {name} " in which
+    told = figures.figures(one)["effects"]
+    assert [each["stand_in"] for each in told] == [False, True]
+    (unnamed,) = sentences.answer(
+        dataclasses.replace(one, arms=(found(NAMED), found(NOTHING, arm=Arm.DEPTH)))
+    )[2:]
+    assert "stand-ins" not in unnamed
 
 
 def test_captures_that_cannot_tell_are_a_verdict():
@@ -302,10 +318,11 @@ def test_the_printed_text_ends_with_the_report_s_place():
     told = {"says": ["a.", "b."], "report": "out/report.html", "fixed": None, "not_in_sensor": []}
     said = ["a.", "b.", "Report: out/report.html"]
     assert diagnose_captures.as_text(told).splitlines() == said
-    told |= {"fixed": "out/sensor.toml", "verdict": "effects", "effects": ["veil"]}
+    veil = {"name": "veil", "stand_in": False}
+    told |= {"fixed": "out/sensor.toml", "effects": [veil]}
     written = "Sensor: out/sensor.toml"
     assert diagnose_captures.as_text(told).splitlines() == [*said, written]
-    told["verdict"] = "none of the known"
+    told["effects"] = [veil, {**veil, "stand_in": True}]
     assert diagnose_captures.as_text(told).endswith(f"{written}, with stand-ins in it")
     told["not_in_sensor"] = ["ambient", "motion"]
     assert "Of the scene, not of a sensor: ambient, motion" in diagnose_captures.as_text(told)
