@@ -60,12 +60,12 @@ def diagnose(
         cache: folder that keeps what is simulated, for other runs.
         without: by capture set an effect whose family is not to be tried, and in a second verdict
             nor those of effects that it is confused with, as the table says; then only the capture
-            sets named here are diagnosed. Where the first explains no arm, neither does the second.
+            sets named here are diagnosed.
         tell: wraps the loop over capture sets.
 
     Raises:
         InputError: if there is no capture set, one is damaged or shows other scenes than the first,
-            or an effect is not known.
+            neither its scenes are known nor what they are compared with, or an effect is not known.
     """
     folders = program.capture_sets(cases)
     if without is not None:
@@ -144,7 +144,12 @@ def _subjects(
 ) -> list[Subject]:
     """Scenes of a capture set; what is known of them is taken over from the one before."""
     if not before:
-        return [subject(one, sensor, against=other) for one, other in pairs]
+        made = [subject(one, sensor, against=other) for one, other in pairs]
+        told = [one.name for one in made if one.estimates and one.against is None]
+        if told:  # By the first set, which would be another's where a run goes on.
+            rule = "must have a scene.toml each, or others that they are compared with"
+            raise refuse("scenes", rule, told, "Give either.")
+        return made
     names, known = [one.name for one, _ in pairs], [one.name for one in before]
     if names != known:
         raise refuse("scenes", "must be the same in all capture sets", (case, names), "Part it.")

@@ -71,6 +71,7 @@ class Known:
     still: Image  # Likewise, without noise and speckle.
     noise: Image  # Noise and speckle of one image, others than theirs,
     rounding: Image  # and what whole codes of it are off.
+    spread: Image  # Offsets evenly over a code: a curve would leave gaps between whole ones.
 
     @cached_property
     def spectra(self) -> list[_Spectra]:
@@ -116,7 +117,7 @@ def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Image:
     spectra = None
     bend = _curve(base, other - base)
     if _power(other - bend.of(base)) < _POINTWISE * _power(other - base):
-        seen, codes = (bend.of(_between_codes(one)) for one in (seen, np.rint(base)))
+        seen, codes = (bend.of(one + known.spread) for one in (seen, np.rint(base)))
         base, still = bend.of(base), bend.of(still)
         spectra = _block_spectra(seen, base, still, codes)
     blocks = _blocks(seen.shape)
@@ -151,7 +152,7 @@ def known(captured: tuple[NDArray, NDArray], without: Exposed) -> tuple[list[Kno
     frames = len(without.pairs) // 2
     left, right = (
         [
-            _known(image, own[side], without.still[side], another[side])
+            _known(image, own[side], without.still[side], another[side], side)
             for image, own, another in zip(
                 images, without.pairs[:frames], without.pairs[frames:], strict=False
             )  # There may be fewer captured.
@@ -183,8 +184,10 @@ def pairs_laid_on(
     return laid
 
 
-def _known(captured: NDArray, without: Image, still: Image, another: Image) -> Known:
-    images = captured, without, still, another - still, np.rint(another) - another
+def _known(captured: NDArray, without: Image, still: Image, another: Image, side: int) -> Known:
+    # Another in each imager, as a matcher would see it, and the same in all repeats.
+    spread = np.random.default_rng(side).uniform(-0.5, 0.5, without.shape)
+    images = captured, without, still, another - still, np.rint(another) - another, spread
     return Known(*(_single(one) for one in images))
 
 
@@ -349,12 +352,6 @@ def _spectra(image: Image) -> Spectrum:
     tiles = sliding_window_view(image, (_TILE_PX, _TILE_PX))[::step_px, ::step_px]
     tiles = tiles.reshape(-1, _TILE_PX, _TILE_PX)
     return rfft2(_WINDOW * (tiles - tiles.mean((1, 2), keepdims=True)))
-
-
-def _between_codes(image: Image) -> Image:
-    """Levels spread evenly over their codes: a curve would leave gaps between whole ones."""
-    rng = np.random.default_rng(0)
-    return image + rng.uniform(-0.5, 0.5, image.shape).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -193,9 +193,9 @@ class Subject:
 
     def _rendered(self, scene: Scene, sensor: Sensor, settings: Mapping[str, Value]) -> Layers:
         """What is rendered, noise apart: that of the base where no effect changes it."""
-        key = tuple(
-            one for one in sorted(settings.items()) if named(one[0].partition(".")[0]).rerender
-        )
+        key = tuple(sorted(settings.items()))
+        if scene.motion.still:  # Else all that exposure follows from has a part in it.
+            key = tuple(one for one in key if named(one[0].partition(".")[0]).rerender)
         if not key:
             return self._layers
         if key not in self._last:

@@ -9,7 +9,7 @@ import importlib.metadata
 import json
 import math
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,35 @@ def code(*paths: Path) -> str:
             found.update(f"{one.relative_to(path.parent)}\n".encode())
             found.update(one.read_bytes())
     return found.hexdigest()
+
+
+def content(value: Any) -> str:
+    """SHA-256 of plain values, arrays and dataclasses, in hexadecimal digits.
+
+    Args:
+        value: arrays count by all their elements, what is none of these by how it shows itself.
+    """
+    found = hashlib.sha256()
+    for part in _parts(value):
+        found.update(part)
+    return found.hexdigest()
+
+
+def _parts(value: Any) -> Iterator[bytes]:
+    if isinstance(value, np.ndarray):
+        yield f"{value.dtype} {value.shape} ".encode()
+        yield np.ascontiguousarray(value).tobytes()
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+        yield f"{type(value).__name__} ".encode()
+        for field in dataclasses.fields(value):
+            yield f"{field.name} ".encode()
+            yield from _parts(getattr(value, field.name))
+    elif isinstance(value, (list, tuple)):
+        yield f"{len(value)} ".encode()
+        for one in value:
+            yield from _parts(one)
+    else:
+        yield f"{value!r} ".encode()
 
 
 def _version(name: str) -> str | None:

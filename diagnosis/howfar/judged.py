@@ -13,7 +13,7 @@ from diagnosis.howfar.distances import distances
 from diagnosis.subject import Subject
 from diagnosis.which import null
 from diagnosis.which.arm import Found
-from diagnosis.which.bench import Bench
+from diagnosis.which.bench import Bench, Table
 from diagnosis.which.candidates import Arm
 from diagnosis.which.likelihood import Likelihood
 from diagnosis.which.made import Made
@@ -22,7 +22,7 @@ from sim.effects.effect import Value
 Settings = Mapping[str, Value]
 
 DRAWS = 4  # Seeds of a simulated reading.
-OTHER = 100  # Seed of what stands for another capture of the same scene.
+OTHER = 100  # Device, and seed, of what stands for the real capture.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -70,7 +70,7 @@ def _figures(of: Subject, settings: Settings) -> tuple[dict[str, float], ...]:
     before, after = (
         [of.like_captured(one, seed=seed) for seed in range(DRAWS)] for one in ({}, settings)
     )
-    other = of.like_captured(settings, seed=OTHER)
+    other = of.another(OTHER).like_captured(settings, seed=OTHER)
     return (
         distances(of.real, before, of.ground),
         distances(of.real, after, of.ground),
@@ -82,8 +82,7 @@ def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likeliho
     """The locked scenes' features: of the real readings, and of simulated ones in their place."""
     table = dataclasses.replace(arm.bench, subjects=tuple(locked), _kept={})
     base, weight = null.base(table), arm.screen.weight
-    other = table.simulated(arm.settings, seed=OTHER)
-    assert other is not None
+    other = _another(table, arm.settings, against=base.against is not None)
     if table.arm is Arm.DEPTH and len(base.tables) > 1:
         other = other + table.finer(seed=OTHER)
     real = base.likelihood(table.real(), weight)
@@ -96,6 +95,18 @@ def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likeliho
         other = other - base.against + table.exposed(seed=OTHER)
         beside = table.exposed(seed=OTHER + 1)
     return table, real, base.drawn(beside).likelihood(other, weight)
+
+
+def _another(table: Bench, settings: Settings, *, against: bool) -> Table:
+    """What stands for the real capture: by another device of the kind, as what is drawn by lot is
+    each device's own; of one whose depth is compared with its own, by that.
+    """
+    if table.arm is Arm.IMAGE or (table.arm is Arm.WHOLE and not against):
+        found = table.another(settings, number=OTHER)
+    else:
+        found = table.simulated(settings, seed=OTHER)
+    assert found is not None  # As they were accepted together.
+    return found
 
 
 def _made(table: Bench, settings: Settings) -> Made:

@@ -115,7 +115,7 @@ def learn(
     with_effects = simulated(settings) if settings else base
     before = told(base, lambda one: one.real)
     after = told(with_effects, lambda one: one.real) if settings else None
-    floor = told(with_effects, lambda one: one.like_captured(settings, seed=OTHER))
+    floor = told(with_effects, lambda one: one.another(OTHER).like_captured(settings, seed=OTHER))
     return Residual(
         alone=_mean(before.alone),
         bound=_mean(before.corrected),

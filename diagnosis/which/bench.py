@@ -30,6 +30,7 @@ Table = NDArray[np.float64]  # (scenes, features); NaN where a feature has too f
 Make = Callable[..., Row | None]  # Of a subject, columns and more.
 
 _BASE = "[]"  # What rows without effects are kept as.
+_BITS = "dropped_bits"  # What a device's own depth differs by from its images' matched again.
 _OTHERS = (1, 2, 3)  # Devices, and seeds, in which effects are drawn anew,
 _RENDERED = (1,)  # or where each of them has to be rendered, which takes most of the time.
 # What rows follow from: where any of it is another, they are made again.
@@ -124,7 +125,7 @@ class Bench:
         """What a device's own depth differs by from the depth of its images matched again, as its
         matcher reads bits that its images are put out without.
         """
-        rows = self._rows("finer", seed, finer_row)
+        rows = self._rows("finer", seed, finer_row, {})
         assert rows is not None
         return rows
 
@@ -277,9 +278,13 @@ def simulated_row(
 ) -> Row | None:
     """Simulate one scene; None where its sensor cannot have these values."""
     try:
-        return _row(_simulated(of, columns.arm, settings, seed), of, columns)
+        row = _row(_simulated(of, columns.arm, settings, seed), of, columns)
     except InputError:
         return None
+    if columns.arm is Arm.DEPTH and _BITS in settings:
+        bits = {_BITS: settings[_BITS]}
+        row += finer_row(of, columns, bits, seed) - finer_row(of, columns, {}, seed)
+    return row
 
 
 def another_row(
@@ -295,9 +300,9 @@ def otherwise_row(of: Subject, columns: Columns, number: int) -> Row | None:
     return simulated_row(scene, columns, {}, 0)
 
 
-def finer_row(of: Subject, columns: Columns, seed: int) -> Row:
+def finer_row(of: Subject, columns: Columns, settings: Mapping[str, Value], seed: int) -> Row:
     """One scene's row of `Bench.finer`."""
-    own = of.capture({}, seed=seed)
+    own = of.capture(settings, seed=seed)
     return _row(own, of, columns) - _row(of.rematch({}, of=own), of, columns)
 
 
@@ -344,6 +349,7 @@ def _digest(subject: Subject, columns: Columns, base: Row) -> str:
         subject.name,
         subject.frames,
         subject.sensor,
+        record.content(subject.scene),
     )
     found = hashlib.sha256(repr(what).encode())
     for image in (subject.ground.expected, subject.ground.disparity_px, base):

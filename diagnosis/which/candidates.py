@@ -19,6 +19,8 @@ _LEAST = 1 / 30  # The weakest over the strongest, of effects of both signs.
 _WIDE = 4.0  # Ranges above this ratio are stepped by factors.
 # Without a partner they do nothing, or repeats alone show them, or they change the image's size.
 LEFT_OUT = frozenset({"rolling_shutter", "temporal_filter", "decimation", "registration"})
+# Images are put out without them in any case: only depth of the device's own shows them.
+_UNSEEN = frozenset({"dropped_bits"})
 _MOVES = frozenset({"motion", "turning"})
 
 
@@ -56,14 +58,16 @@ def candidates(sensor: Sensor, scene: Scene, arm: Arm) -> list[Candidate]:
     Args:
         sensor: the base.
         scene: likewise.
-        arm: matcher and post-processing act on depth, all else on the image, all on the whole.
+        arm: matcher, post-processing and bits that only the matcher reads act on depth, all else
+            on the image, all on the whole.
     """
     late = (Stage.MATCHER, Stage.POST)
     found = []
     for effect in effects.table():
         if effect.name in LEFT_OUT:
             continue
-        if arm is not Arm.WHOLE and (effect.stage in late) != (arm is Arm.DEPTH):
+        of_depth = effect.stage in late or effect.name in _UNSEEN
+        if arm is not Arm.WHOLE and of_depth != (arm is Arm.DEPTH):
             continue
         for number, parameter in enumerate(effect.parameters):
             base = setting.value(parameter, sensor, scene)

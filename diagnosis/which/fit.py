@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -67,7 +68,8 @@ class Fit:
         low, high = np.quantile(best, ends, method="linear" if numeric else "nearest")
         mean = self.cost.mean(axis=1)
         near = self.places[mean <= mean.min() + 0.5 * stats.chi2.ppf(level, 1)]
-        half_a_step = 0.5 * float(self.places[1] - self.places[0]) if numeric else 0.0
+        between_steps = numeric and not self.signature.candidate.whole
+        half_a_step = 0.5 * float(self.places[1] - self.places[0]) if between_steps else 0.0
         low = max(min(low, near[0]) - half_a_step, self.places[0])
         high = min(max(high, near[-1]) + half_a_step, self.places[-1])
         if numeric:
@@ -123,13 +125,18 @@ def held_out(
 
 
 def places(signature: Signature, steps: int) -> NDArray[np.float64]:
-    """Places from the first value to the last; of words the values' own.
+    """Places from the first value to the last; of words the values' own, of what takes whole
+    numbers alone those of such.
 
     Args:
         signature: of a candidate.
         steps: from one value to the next.
     """
     last = len(signature.values) - 1
+    if signature.candidate.whole:
+        values = np.array(signature.values, float)
+        between = [np.rint(np.linspace(*ends, steps + 1)) for ends in itertools.pairwise(values)]
+        return np.interp(np.unique(between), values, np.arange(last + 1))
     return np.linspace(0, last, (last * steps if signature.candidate.numeric else last) + 1)
 
 

@@ -19,6 +19,7 @@ from sim.statistics import mean_known
 SEEDS = 8
 FLOOR = 0.02  # What the simulator is taken to be wrong by in every feature, in its own unit.
 _SPOT = "lens_blur"  # No model has its shape right: what it makes is wrong by a share.
+_DEVICE = 10  # From which devices are counted.
 LEAST_GAIN = 12.0  # Below this no effect is believed, whatever the nulls say.
 
 
@@ -85,6 +86,8 @@ def base(bench: Bench, *, seeds: int = SEEDS) -> Base:
         exposed = np.stack([bench.exposed(seed=number) for number in range(seeds)])
         return _of(exposed, against)
     found = [bench.simulated({}, seed=number) for number in range(seeds)]
+    if against is None:  # The real device is another one of the kind, and of none that effects had.
+        found[1:] = [bench.another({}, number=_DEVICE + number) for number in range(1, seeds)]
     made = _of(np.stack([one for one in found if one is not None]), against)
     spotless = bench.change({_SPOT: 0.0})
     wrong = [] if spotless is None else [TAU * spotless]

@@ -226,10 +226,8 @@ def _completed(model: Model, trial: Trial, alone: Sequence[Fit]) -> Model:
 
 def _thinned(model: Model, trial: Trial) -> Model:
     """Leave out effects that the others make up for, and those that were fitted to their base."""
-    acting = [
-        n for n, one in enumerate(model.terms) if model.settings[one.name] != one.candidate.base
-    ]
-    model = model.only(acting, model.beside)
+    while len(acting := _acting(model)) < len(model.terms):
+        model = simulated(trial, model.only(acting, trial.likelihood.nothing)) or model
     for number in reversed(range(len(model.terms))):
         if len(model.terms) < 2:
             break
@@ -237,6 +235,11 @@ def _thinned(model: Model, trial: Trial) -> Model:
         if less is not None and model.gain(less, trial.likelihood) < trial.threshold:
             model = less
     return model
+
+
+def _acting(model: Model) -> list[int]:
+    values = model.settings
+    return [n for n, one in enumerate(model.terms) if values[one.name] != one.candidate.base]
 
 
 def _borne_out(model: Model, trial: Trial) -> Model:

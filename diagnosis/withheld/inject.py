@@ -146,7 +146,7 @@ class _Injection:
         if not self.exposed_again and not any(self.strengths.acting(name) for name in EFFECTS):
             return image_dn
         nominal = self.strengths.nominal
-        signal = unrounded(image_dn) - nominal.black_level_dn
+        signal = unrounded(image_dn, side=self.side) - nominal.black_level_dn
         signal = self._grain(signal)
         signal = self._through_optics(signal)
         if self.exposed_again:

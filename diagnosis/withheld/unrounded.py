@@ -32,18 +32,20 @@ _LEVELS = 0x0C0D_E5  # Seed of where they lie within their codes: the same in ev
 Image = NDArray[np.float64]
 
 
-def unrounded(codes: NDArray[np.integer]) -> Image:
+def unrounded(codes: NDArray[np.integer], *, side: str) -> Image:
     """Take out of an image the power that rounding put in, frequency by frequency.
 
     Args:
         codes: (h, w) whole codes [DN].
+        side: "left" or "right" imager; where even places lie within their codes is each one's own,
+            as a matcher would see what both have in common.
 
     Returns:
         (h, w) [DN], which rounds to these codes.
     """
     image = codes.astype(np.float64)
     level = np.clip(_smooth(image), image - _HALF, image + _HALF)
-    return level + _within(level, image)
+    return level + _within(level, image, side)
 
 
 def _smooth(image: Image) -> Image:
@@ -63,7 +65,7 @@ def _smooth(image: Image) -> Image:
     return total[step : step + image.shape[0], step : step + image.shape[1]]
 
 
-def _within(level: Image, codes: Image) -> Image:
+def _within(level: Image, codes: Image, side: str) -> Image:
     """Smooth offsets of even places, drawn evenly from what leaves all around within its code."""
     square = np.ones((_EVEN_PX, _EVEN_PX), np.uint8)
     even = cv2.dilate(codes, square) - cv2.erode(codes, square) <= 1
@@ -71,6 +73,6 @@ def _within(level: Image, codes: Image) -> Image:
         cv2.blur(cv2.erode(np.where(even, side, 0.0), square), square.shape)
         for side in (level - codes + _HALF, codes + _HALF - level)
     )
-    rng = np.random.Generator(np.random.SFC64(_LEVELS))
+    rng = np.random.Generator(np.random.SFC64([_LEVELS, side == "right"]))
     field = cv2.GaussianBlur(rng.standard_normal(level.shape), (0, 0), _SMOOTH_PX)
     return special.ndtr(field / field.std()) * (below + above) - below

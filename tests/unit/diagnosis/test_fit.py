@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from diagnosis.which import arm, null, search, strengths
 from diagnosis.which.candidates import Arm, Candidate
-from diagnosis.which.fit import fit, folds
+from diagnosis.which.fit import fit, folds, places
 from diagnosis.which.likelihood import Likelihood, total, weights
 from diagnosis.which.made import Made
 from diagnosis.which.model import Model, simulated
@@ -78,7 +78,36 @@ def test_what_is_fitted_to_its_base_is_not_named():
     both = Model(terms, (1.67, 0.0), likelihood.nothing)
     found = search._thinned(both, trial(FakeBench(), likelihood))
     assert list(found.settings) == ["crosstalk"]
-    np.testing.assert_array_equal(found.made().change, both.made().change)
+    assert found.settings["crosstalk"] == pytest.approx(0.4, rel=0.1)
+
+
+def test_what_was_simulated_with_an_effect_goes_with_it():
+    """A model of what is left is simulated anew, and tells what that leaves."""
+    bench = FakeBench(together=0.2)
+    likelihood = likelihood_of({"veil": 0.5}, 7)
+    both = Model(
+        (MADE["veil"], MADE["crosstalk"]), (2.0, 0.0), Made(0.2 * np.ones((SCENES, FEATURES)))
+    )
+    found = search._thinned(both, trial(bench, likelihood))
+    assert list(found.settings) == ["veil"]
+    named = bench.change(found.settings)
+    np.testing.assert_allclose(found.made().change, named, atol=1e-9)
+
+
+def test_whole_numbers_alone_are_tried_of_what_takes_no_other():
+    veil = MADE["veil"]
+    whole = dataclasses.replace(veil.candidate, nodes=(3.0, 40.0), whole=True)
+    one = Signature(whole, (0.0, 3.0, 40.0), veil.change[[0, 2, 3]])
+    tried = places(one, 16)
+    values = [0, 1, 2, 3]
+    np.testing.assert_allclose(tried[:4], np.array(values) / 3)
+    at = np.interp(tried, (0, 1, 2), one.values)
+    np.testing.assert_allclose(at, np.rint(at), atol=1e-9)
+    assert len(tried) == 4 + 16
+    found = fit(one, BASE.likelihood(one.at(2 / 3).change + noise(7), ONES), HELD)
+    assert found.value == 2.0
+    low, high = found.interval(ROOMS, level=0.9)
+    assert (low, high) == (2.0, 2.0)
 
 
 def test_a_compromise_gives_way_to_what_gains_more_beside_the_rest():
@@ -210,6 +239,9 @@ def test_what_the_lens_spot_makes_is_trusted_less():
 
         def simulated(self, settings: dict[str, float], *, seed: int = 0) -> np.ndarray:
             return np.zeros((2, 3))
+
+        def another(self, settings: dict[str, float], *, number: int) -> np.ndarray:
+            return self.simulated(settings)
 
         def change(self, settings: dict[str, float]) -> np.ndarray:
             assert settings == {"lens_blur": 0.0}

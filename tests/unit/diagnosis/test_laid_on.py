@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from diagnosis.laid_on import Changed, Known, laid_on
+from diagnosis.laid_on import Changed, Exposed, Known, known, laid_on, pairs_laid_on
 
 SHAPE = (240, 640)
 Do = Callable[[np.ndarray, np.random.Generator | None], np.ndarray]
@@ -79,7 +79,8 @@ def simulated(do: Do) -> Simulated:
 
 def laid(captured: np.ndarray, of: Simulated) -> np.ndarray:
     another = exact(0.0, plain, 9)
-    noise = another - of.still, np.rint(another) - another
+    spread = np.random.default_rng(0).uniform(-0.5, 0.5, captured.shape)
+    noise = another - of.still, np.rint(another) - another, spread.astype(np.float32)
     known = Known(captured.astype(np.float32), of.without, of.still, *noise)
     return laid_on(known, of.changed, ceiling=255)
 
@@ -125,6 +126,25 @@ def test_a_tone_curve_leaves_no_gaps_between_codes():
     assert comb[1] < 1.5 * comb[0]
     curve = 255 * (captured / 255) ** (1 / 1.3)
     assert _comb(np.rint(curve)) > 5 * comb[0]
+
+
+def test_a_tone_curve_gives_both_imagers_nothing_in_common():
+    """A matcher finds what is alike in both images at no disparity, where dots are weaker."""
+    shape = (160, 224)
+
+    def even(seed: int | None, gain: float) -> tuple[np.ndarray, np.ndarray]:
+        noise = np.zeros((2, *shape))
+        if seed is not None:
+            noise = np.random.default_rng(seed).normal(0, 0.3, (2, *shape))
+        left, right = (gain * (6.3 + noise)).astype(np.float32)
+        return left, right
+
+    left, right = (np.rint(one[None]).astype(np.uint8) for one in even(5, 1.0))
+    of = known((left, right), Exposed([even(7, 1.0), even(8, 1.0)], even(None, 1.0)))
+    laid = pairs_laid_on(of, Exposed([even(7, 2.0)], even(None, 2.0)), ceiling=255)
+    first, second = (np.rint(one[0]).ravel() for one in laid)
+    assert first.std() > 0.3 and second.std() > 0.3
+    assert abs(np.corrcoef(first, second)[0, 1]) < 0.05
 
 
 def _comb(codes: np.ndarray) -> float:

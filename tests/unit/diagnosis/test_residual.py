@@ -58,6 +58,10 @@ class Made:
         if device:
             self.real = dataclasses.replace(self.real, ours_px=maps(~HOLES), device_px=maps(HOLES))
 
+    def another(self, number: int) -> Made:
+        assert number == OTHER
+        return self
+
     def like_captured(self, settings: Mapping[str, float], *, seed: int) -> Reading:
         assert seed == OTHER
         found = maps(simulated(settings))

@@ -128,7 +128,7 @@ def test_noise_is_averaged_as_the_device_averages_it(real: Nominal) -> None:
     """Law: noise keeps the sum of the spot's squares, and neighbours share what overlaps."""
     device = dataclasses.replace(real, smoothing_px=0.6)
     flat = np.full(SHAPE, 70, np.uint8)
-    level = unrounded(flat)
+    level = unrounded(flat, side="left")
     spot = psf.kernel("gaussian", 0.6)
     kept = float((spot**2).sum())
     beside = float((spot[:, 1:] * spot[:, :-1]).sum()) / kept

@@ -1,0 +1,121 @@
+"""Scenes under diagnosis: what is simulated of them depends on what is asked, and nothing else."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis.howfar import judged
+from diagnosis.reading import Reading
+from diagnosis.subject import Subject, of_scene
+from diagnosis.which import bench, null
+from diagnosis.which.candidates import Arm, candidates
+from sim import sensors
+from sim.scene import Scene
+from sim.scenes import builtin
+from sim.sensor import Sensor
+from sim.sensor_edits import with_values
+
+NOTHING = Reading(left=None, right=None, ours_px=None, device_px=None)
+SHOWN = 0.02  # Change of a feature that is above what the simulator is taken to be wrong by.
+
+
+def sensor(*edits: tuple[str, Any]) -> Sensor:
+    d435 = dataclasses.replace(
+        sensors.load("d435"), width=160, height=96, cx_px=80.0, cy_px=48.0, fx_px=100.0, fy_px=100.0
+    )
+    return with_values(d435, list(edits))
+
+
+def subject(of: Sensor, scene: Scene | None = None, real: Reading = NOTHING) -> Subject:
+    scene = builtin.clutter(1) if scene is None else scene
+    return of_scene(scene, of, name="a", room="a", truth_m=None, real=real, frames=1)
+
+
+def test_rows_of_moving_sensors_do_not_depend_on_what_was_asked_before():
+    """How long it exposes has a part in what is rendered."""
+    moves: dict[str, Any] = {"motion": 3.0}
+    longer: dict[str, Any] = {"motion": 3.0, "exposure": 0.033}
+    of = subject(sensor(("imager.auto_exposure_level", 0.0), ("imager.exposure_s", 0.008)))
+    columns = bench.bench([of], Arm.IMAGE).columns
+
+    def row(settings: dict[str, Any]) -> np.ndarray:
+        found = bench.simulated_row(of, columns, settings, 0)
+        assert found is not None
+        return found
+
+    first = [row(moves), row(longer)]
+    of._last.clear()
+    other = [row(longer), row(moves)][::-1]
+    np.testing.assert_array_equal(first, other)
+    assert np.nanmax(np.abs(first[0] - first[1])) > SHOWN
+
+
+def test_kept_rows_are_of_one_scene_whatever_it_holds_out_of_view(tmp_path: Path):
+    wall = builtin.wall(1.0)
+    board = dataclasses.replace(
+        wall.bodies[0],
+        name="board",
+        mesh=dataclasses.replace(
+            wall.bodies[0].mesh, vertices=wall.bodies[0].mesh.vertices - np.float32([0, 0, 9])
+        ),
+    )
+    more = dataclasses.replace(wall, bodies=(*wall.bodies, board))
+    benches = [
+        bench.bench([subject(sensor(), one)], Arm.IMAGE, cache=tmp_path) for one in (wall, more)
+    ]
+    rows = [one.simulated({}) for one in benches]
+    np.testing.assert_array_equal(*rows)  # It stands behind the camera.
+    assert benches[0]._digests != benches[1]._digests
+
+
+def test_another_device_with_as_many_faulty_dots_is_no_gap():
+    faulty = sensor(("projector.dropped_dots", 0.05))
+    of = subject(faulty)
+    table = bench.bench([of], Arm.IMAGE)
+    base = null.base(table)
+    ones = np.ones(len(table.names))
+    other = table.another({}, number=50)
+    assert other is not None
+    likelihood = base.likelihood(other, ones)
+    same = null.Base(
+        np.stack([table.simulated({}, seed=seed) for seed in range(null.SEEDS)]), base.floor
+    )
+    before = same.likelihood(other, ones)
+    assert likelihood.size(likelihood.nothing) < 2 * null.size(base, ones)
+    assert before.size(before.nothing) > 5 * null.size(same, ones)
+
+
+def test_bits_that_only_the_device_reads_are_an_effect_of_its_depth():
+    scenes = [builtin.clutter(number) for number in (1, 2)]
+    ten = [subject(sensor(), one) for one in scenes]
+    eight = sensor(("imager.dropped_bits", 0))
+    subjects = [
+        subject(eight, one, of.capture({}, seed=5)) for one, of in zip(scenes, ten, strict=True)
+    ]
+    table = bench.bench(subjects, Arm.DEPTH)
+    made = table.change({"dropped_bits": 2.0})
+    base = null.base(table)
+    likelihood = base.likelihood(table.real(), np.ones(len(table.names)))
+    assert made is not None
+    gap = np.nan_to_num(likelihood.gap)
+    assert np.mean(np.clip(gap / base.deviation, -10, 10) ** 2) > 1
+    cosine = np.sum(gap * made) / np.sqrt(np.sum(gap**2) * np.sum(made**2))
+    assert cosine > 0.8
+    for arm, tried in ((Arm.IMAGE, False), (Arm.DEPTH, True), (Arm.WHOLE, True)):
+        names = [one.name for one in candidates(eight, scenes[0], arm)]
+        assert ("dropped_bits" in names) is tried
+
+
+def test_floor_is_another_device_s():
+    """Dots that are dropped elsewhere are no closer to the real ones than those of the fit."""
+    of = subject(sensor())
+    settings: dict[str, Any] = {"dropped_dots": 0.3}
+    real = of.another(7).capture(settings, seed=7)
+    taken = dataclasses.replace(of, real=real)
+    _, after, floor = judged._figures(taken, settings)
+    assert after["ndp_1_iou"] == pytest.approx(floor["ndp_1_iou"], rel=0.15)
