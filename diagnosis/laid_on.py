@@ -9,14 +9,14 @@ as well, and what is put on top:
 
 h is a filter, told block by block, as what shifts or blurs may differ over the image; t the mean
 level that goes with each level; r the rest. What is done to the scene is not what is done to noise
-and speckle, which a lens does not blur. So both are told apart: the scene's filter by images that
-are simulated without noise and speckle, theirs by what that leaves of the others. A captured image
-is filtered as the scene is; what that takes of its noise, of which it has as much as simulation has
-or all that is there, comes back as other noise.
+and speckle, which a lens does not blur. So h is told by images that are simulated without these,
+and r is parted: what h leaves of the scene, and what it leaves of noise and speckle. Where an
+effect leaves these as they are, the latter is what h would have taken of them: it comes back.
 
 Noise that one adds in quadrature to noise that is there makes images with the same draws differ by
-less than it adds. What the image with the effect should have of power beyond h's and r's is made up
-for by noise of its own; where it should have less, r and the captured image lose that.
+less than it adds. So what is left of noise is made stronger by as much as power is missing, and
+stays where it is: a sensor's is everywhere, speckle on dots. Where noise should be less, the
+captured image loses that.
 
 Where a curve alone makes the one with the effect of the one without, that comes first: a filter
 would take its mean slope for its own, and levels of a captured image may lie beyond the simulated.
@@ -69,8 +69,6 @@ class Known:
     captured: Image  # Whole codes.
     without: Image  # Simulated, not rounded.
     still: Image  # Likewise, without noise and speckle.
-    noise: Image  # Noise and speckle of one image, others than theirs,
-    rounding: Image  # and what whole codes of it are off.
     spread: Image  # Offsets evenly over a code: a curve would leave gaps between whole ones.
 
     @cached_property
@@ -79,9 +77,9 @@ class Known:
         return _block_spectra(self.captured, self.without, self.still, np.rint(self.without))
 
     @cached_property
-    def noisiness(self) -> tuple[Image, Image]:
-        """Powers of noise and of rounding by band."""
-        return _by_band(_own(_spectra(self.noise))), _by_band(_own(_spectra(self.rounding)))
+    def rounding(self) -> Image:
+        """What whole codes of the simulated one are off."""
+        return np.rint(self.without) - self.without
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,17 +124,18 @@ def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Image:
         _told(of, *(_spectra(one[block.window]) for one in (other, changed.still, rounded)))
         for block, of in zip(blocks, spectra or known.spectra, strict=True)
     ]
-    more, again, less, quieter = _powers(told, *known.noisiness)
-    filtered, same = np.zeros_like(seen), np.zeros_like(base)
-    noise = base - still
+    more, again, quieter = _powers(told)
+    filtered, same, scene = np.zeros_like(seen), np.zeros_like(base), np.zeros_like(base)
     for of, by in zip(blocks, told, strict=True):
+        kernel = _kernel(by.of_scene)
         _add(filtered, seen, of, _kernel(by.of_scene * quieter))
-        _add(same, still, of, _kernel(by.of_scene))
-        _add(same, noise, of, _kernel(by.of_noise))
-    curve = _curve(same, other - same)
-    rest = other - same - curve.step(same)
-    laid = filtered + curve.step(filtered)
-    for one, by in ((rest, less), (known.noise, more), (known.rounding, again)):
+        _add(same, base, of, kernel)
+        _add(scene, still, of, kernel)
+    curve = _curve(same, changed.still - scene)  # Without noise, of which a filter takes.
+    of_scene = changed.still - scene - curve.step(scene)
+    of_noise = other - same - curve.step(same) - of_scene
+    laid = filtered + curve.step(filtered) + of_scene
+    for one, by in ((of_noise, more), (known.rounding, again)):
         laid += cv2.filter2D(one, -1, _kernel(by))
     return np.clip(laid, 0, ceiling).astype(np.float32)
 
@@ -146,16 +145,13 @@ def known(captured: tuple[NDArray, NDArray], without: Exposed) -> tuple[list[Kno
 
     Args:
         captured: left and right images (n, h, w), codes.
-        without: simulated pairs, twice as many: the first of them are those that pairs with an
-            effect share noise and speckle with, the others have others.
+        without: simulated pairs, as many or more, by the noise and speckle that pairs with an effect
+            have.
     """
-    frames = len(without.pairs) // 2
     left, right = (
         [
-            _known(image, own[side], without.still[side], another[side], side)
-            for image, own, another in zip(
-                images, without.pairs[:frames], without.pairs[frames:], strict=False
-            )  # There may be fewer captured.
+            _known(image, own[side], without.still[side], side)
+            for image, own in zip(images, without.pairs, strict=False)
         ]
         for side, images in enumerate(captured)
     )
@@ -184,11 +180,10 @@ def pairs_laid_on(
     return laid
 
 
-def _known(captured: NDArray, without: Image, still: Image, another: Image, side: int) -> Known:
+def _known(captured: NDArray, without: Image, still: Image, side: int) -> Known:
     # Another in each imager, as a matcher would see it, and the same in all repeats.
     spread = np.random.default_rng(side).uniform(-0.5, 0.5, without.shape)
-    images = captured, without, still, another - still, np.rint(another) - another, spread
-    return Known(*(_single(one) for one in images))
+    return Known(*(_single(one) for one in (captured, without, still, spread)))
 
 
 def _single(image: NDArray) -> Image:
@@ -237,11 +232,10 @@ def _add(out: Image, image: Image, of: _Block, kernel: Image) -> None:
 class _Told:
     """What spectra of one block tell (h, w // 2 + 1)."""
 
-    of_scene: Spectrum  # h, also for the captured image;
-    of_noise: Spectrum  # that of simulated noise and speckle.
-    missing: Image  # Power that the image with the effect should have beyond the first's;
+    of_scene: Spectrum  # h, also for the captured image.
+    missing: Image  # Power of noise that the image with the effect should have beyond the first's;
     rounding: Image  # of it what h takes of the noise of whole codes, which is alike everywhere;
-    rest: Image  # that of what both leave of the simulated one,
+    drawn: Image  # that of what h leaves of the simulated noise,
     filtered: Image  # and that of the captured image, filtered.
 
 
@@ -292,23 +286,22 @@ def _told(of: _Spectra, other: Spectrum, moved: Spectrum, codes: Spectrum) -> _T
     together = (still.conj() * moved).mean(0)
     alone = np.clip(moved_scene - np.abs(together) ** 2 / (scene + _LITTLE), 0.0, None)
     unsure = _LITTLE + _UNSURE * alone
-    of_scene = (together + unsure * of_noise) / (scene + unsure)
+    # Where the scene tells nothing it is filtered as noise is, but for what is added to that.
+    of_scene = (together + unsure * of_noise / np.maximum(1.0, np.abs(of_noise))) / (scene + unsure)
     kept = np.abs(of_scene) ** 2
     added = since - of.rounded
     added[added < 0] *= of.share[added < 0]  # Noise that is not there cannot be taken.
-    added += moved_scene - kept * scene  # What no filter makes of the scene.
     return _Told(
         of_scene=of_scene,
-        of_noise=of_noise,
         missing=(1 - kept) * of.quiet + added,
         rounding=np.clip(1 - kept, 0.0, None) * np.minimum(of.quiet, _ROUNDING),
-        rest=_own(other - of_scene * still - of_noise * noise),
+        drawn=_own(other - moved - of_scene * noise),
         filtered=kept * of.captured,
     )
 
 
-def _powers(told: Sequence[_Told], noise: Image, rounding: Image) -> list[Spectrum]:
-    """Factors (h, w // 2 + 1) of noise and rounding, of the rest and of what was captured.
+def _powers(told: Sequence[_Told]) -> list[Spectrum]:
+    """Factors (h, w // 2 + 1) of what is left of noise, of rounding, and of what was captured.
 
     Alike in all blocks and directions, as chance has its part in every single frequency.
     """
@@ -317,16 +310,15 @@ def _powers(told: Sequence[_Told], noise: Image, rounding: Image) -> list[Spectr
         centres = 0.5 * (_EDGES[1:] + _EDGES[:-1])
         return np.interp(_RADIUS, centres, np.sqrt(np.clip(share, least**2, most**2)))
 
-    missing, taken, rest, filtered = (
+    missing, taken, drawn, filtered = (
         _by_band(np.mean([getattr(block, name) for block in told], axis=0))
-        for name in ("missing", "rounding", "rest", "filtered")
+        for name in ("missing", "rounding", "drawn", "filtered")
     )
-    taken = np.clip(np.minimum(taken, missing - rest), 0.0, None)
+    taken = np.clip(np.minimum(taken, missing), 0.0, None)
     little = 1e-6 * filtered.mean() + 1e-12
     return [
-        root((missing - rest - taken) / (noise + little), 0.0, _MOST),
-        root(taken / (rounding + little), 0.0, _MOST),
-        root(missing / (rest + little), 0.0, 1.0),
+        root((missing - taken) / (drawn + little), 0.0, _MOST),
+        root(taken / _ROUNDING, 0.0, _MOST),
         root(1.0 + np.minimum(missing, 0.0) / (filtered + little), _LEAST, 1.0),
     ]
 

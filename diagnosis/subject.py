@@ -46,7 +46,6 @@ from sim.stage import Stage
 # A difference is asked for, and noise is common.
 _SAMPLES = 4  # Paths of indirect light,
 _STEP_PX = 2.0  # and image motion between the moments of one exposure.
-_ANOTHER = 10**6  # Added to a seed: for noise and speckle that nothing else has.
 _FINER_BITS = 8  # That codes are simulated with where they are not to be rounded.
 # What an image has beside its scene, at its neutral.
 _STILL = (
@@ -219,7 +218,7 @@ class Subject:
         """Captured pairs with what effects do to simulated ones."""
         if seed not in self._known:
             self._known.clear()
-            _, without = self._exact({}, seed, seed + _ANOTHER)
+            _, without = self._exact({}, seed)
             self._known[seed] = laid_on.known((left, right), without)
         sensor, changed = self._exact(settings, seed)
         ceiling = max(2**sensor.left.bit_depth - 1, int(left.max()))
@@ -229,21 +228,19 @@ class Subject:
         ours_px = matched(first, second, sensor)
         return Reading(left=laid[0], right=laid[1], ours_px=ours_px, device_px=None)
 
-    def _exact(self, settings: Mapping[str, Value], *seeds: int) -> tuple[Sensor, Exposed]:
-        """Simulated pairs [DN] of each seed, with the bits that codes lack."""
+    def _exact(self, settings: Mapping[str, Value], seed: int) -> tuple[Sensor, Exposed]:
+        """Simulated pairs [DN], with the bits that codes lack."""
         sensor, scene, layers = self._set(settings)
         fine = with_bits(sensor, _FINER_BITS)
         scale = np.float32(2.0 ** (sensor.left.bit_depth - fine.left.matched_bits))
 
-        def taken(by: Sensor, seed: int, frame: int) -> Pair:
-            own = self._noise(seed)
-            pair = simulate.infrared(layers, scene, by, seed=own, frame=frame)
+        def taken(by: Sensor, frame: int) -> Pair:
+            pair = simulate.infrared(layers, scene, by, seed=self._noise(seed), frame=frame)
             assert pair.matched_right is not None
             return pair.matched_left * scale, pair.matched_right * scale
 
-        still = taken(sensor_edits.with_values(fine, _STILL), seeds[0], 0)
-        pairs = [taken(fine, seed, frame) for seed in seeds for frame in range(self.frames)]
-        return sensor, Exposed(pairs, still)
+        still = taken(sensor_edits.with_values(fine, _STILL), 0)
+        return sensor, Exposed([taken(fine, frame) for frame in range(self.frames)], still)
 
 
 @lru_cache(maxsize=4)
