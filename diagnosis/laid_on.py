@@ -145,8 +145,7 @@ def known(captured: tuple[NDArray, NDArray], without: Exposed) -> tuple[list[Kno
 
     Args:
         captured: left and right images (n, h, w), codes.
-        without: simulated pairs, as many or more, by the noise and speckle that pairs with an effect
-            have.
+        without: simulated pairs, as many or more, with the noise that those with an effect have.
     """
     left, right = (
         [
