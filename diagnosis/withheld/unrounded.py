@@ -70,8 +70,8 @@ def _within(level: Image, codes: Image, side: str) -> Image:
     square = np.ones((_EVEN_PX, _EVEN_PX), np.uint8)
     even = cv2.dilate(codes, square) - cv2.erode(codes, square) <= 1
     below, above = (
-        cv2.blur(cv2.erode(np.where(even, side, 0.0), square), square.shape)
-        for side in (level - codes + _HALF, codes + _HALF - level)
+        cv2.blur(cv2.erode(np.where(even, room, 0.0), square), square.shape)
+        for room in (level - codes + _HALF, codes + _HALF - level)
     )
     rng = np.random.Generator(np.random.SFC64([_LEVELS, side == "right"]))
     field = cv2.GaussianBlur(rng.standard_normal(level.shape), (0, 0), _SMOOTH_PX)
