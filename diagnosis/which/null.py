@@ -85,9 +85,11 @@ def base(bench: Bench, *, seeds: int = SEEDS) -> Base:
     if against is not None and bench.arm is Arm.IMAGE:
         exposed = np.stack([bench.exposed(seed=number) for number in range(seeds)])
         return _of(exposed, against)
-    found = [bench.simulated({}, seed=number) for number in range(seeds)]
     if against is None:  # The real device is another one of the kind, and of none that effects had.
-        found[1:] = [bench.another({}, number=_DEVICE + number) for number in range(1, seeds)]
+        others = [bench.another({}, number=_DEVICE + number) for number in range(1, seeds)]
+    else:
+        others = [bench.simulated({}, seed=number) for number in range(1, seeds)]
+    found = [bench.simulated({}), *others]
     made = _of(np.stack([one for one in found if one is not None]), against)
     spotless = bench.change({_SPOT: 0.0})
     wrong = [] if spotless is None else [TAU * spotless]

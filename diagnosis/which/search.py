@@ -227,7 +227,8 @@ def _completed(model: Model, trial: Trial, alone: Sequence[Fit]) -> Model:
 def _thinned(model: Model, trial: Trial) -> Model:
     """Leave out effects that the others make up for, and those that were fitted to their base."""
     while len(acting := _acting(model)) < len(model.terms):
-        model = simulated(trial, model.only(acting, trial.likelihood.nothing)) or model
+        less = model.only(acting, trial.likelihood.nothing)
+        model = simulated(trial, less) or less
     for number in reversed(range(len(model.terms))):
         if len(model.terms) < 2:
             break
