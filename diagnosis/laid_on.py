@@ -22,7 +22,9 @@ Where a curve alone makes the one with the effect of the one without, that comes
 would take its mean slope for its own, and levels of a captured image may lie beyond the simulated.
 
 Codes are rounded after all that is done to them. That noise is what it was before: so simulated
-images are taken without it, and powers are compared of their whole codes.
+images are taken without it, and powers are compared of their whole codes. Images are not rounded
+once more, which would add as much again. A matcher, which takes even places for even, sees whole
+codes: of what is laid onto the captured one's levels, as far as these are known.
 """
 
 from __future__ import annotations
@@ -34,9 +36,11 @@ from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
-from numpy.fft import fftfreq, fftshift, irfft2, rfft2, rfftfreq
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.fft import fftfreq, fftshift, irfft2, rfft2, rfftfreq
+
+from diagnosis import level_curve, within_codes
 
 Image = NDArray[np.floating]
 Pair = tuple[Image, Image]  # Left and right image (h, w) [DN], not rounded.
@@ -56,9 +60,6 @@ _BANDS = 8  # In which powers are compared,
 _RADIUS = np.hypot(fftfreq(_TILE_PX)[:, None], rfftfreq(_TILE_PX)[None])  # [1 / px]
 _EDGES = np.linspace(0.0, _RADIUS.max() + 1e-9, _BANDS + 1)  # by how fine they are.
 _BAND = (np.digitize(_RADIUS, _EDGES) - 1).ravel()
-_ENDS = (0.001, 0.004, 0.015)
-# Of the pixels, up to which a curve's bins reach.
-_SHARES = np.sort([*np.linspace(0, 1, 25), *_ENDS, *(1 - np.array(_ENDS))])
 _POINTWISE = 0.02  # Share of a change's power that a curve leaves where it is all there is.
 
 
@@ -66,7 +67,8 @@ _POINTWISE = 0.02  # Share of a change's power that a curve leaves where it is a
 class Known:
     """Images (h, w) [DN] of one scene and one imager without an effect, and what they tell."""
 
-    captured: Image  # Whole codes.
+    captured: Image  # Whole codes,
+    levels: Image  # and what was rounded to them, as of `within_codes`.
     without: Image  # Simulated, not rounded.
     still: Image  # Likewise, without noise and speckle.
     spread: Image  # Offsets evenly over a code: a curve would leave gaps between whole ones.
@@ -91,6 +93,14 @@ class Changed:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Laid:
+    """Images (h, w) [DN] float32 with what an effect does."""
+
+    image: Image  # With the noise of the captured one's whole codes, not rounded again.
+    codes: Image  # Whole.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Exposed:
     """Simulated pairs of one scene, not rounded."""
 
@@ -98,25 +108,23 @@ class Exposed:
     still: Pair  # Without noise and speckle.
 
 
-def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Image:
+def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Laid:
     """Lay what an effect does to one image onto another.
 
     Args:
         known: the captured image, and the simulated one without the effect.
         changed: that with it.
         ceiling: largest code.
-
-    Returns:
-        (h, w) [DN] float32; not rounded again, as the captured codes are.
     """
-    seen, base, still, other = known.captured, known.without, known.still, changed.image
+    seen, level = known.captured, known.levels
+    base, still, other = known.without, known.still, changed.image
     if np.array_equal(base, other):
-        return seen
+        return Laid(seen, seen)
     spectra = None
-    bend = _curve(base, other - base)
+    bend = level_curve.told(base, other - base)
     if _power(other - bend.of(base)) < _POINTWISE * _power(other - base):
         seen, codes = (bend.of(one + known.spread) for one in (seen, np.rint(base)))
-        base, still = bend.of(base), bend.of(still)
+        level, base, still = (bend.of(one) for one in (level, base, still))
         spectra = _block_spectra(seen, base, still, codes)
     blocks = _blocks(seen.shape)
     rounded = np.rint(other)
@@ -125,19 +133,21 @@ def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Image:
         for block, of in zip(blocks, spectra or known.spectra, strict=True)
     ]
     more, again, quieter = _powers(told)
-    filtered, same, scene = np.zeros_like(seen), np.zeros_like(base), np.zeros_like(base)
+    filtered, same, scene, within = (np.zeros_like(seen) for _ in range(4))
     for of, by in zip(blocks, told, strict=True):
-        kernel = _kernel(by.of_scene)
-        _add(filtered, seen, of, _kernel(by.of_scene * quieter))
+        kernel, quiet = _kernel(by.of_scene), _kernel(by.of_scene * quieter)
+        _add(filtered, seen, of, quiet)
+        _add(within, level, of, quiet)
         _add(same, base, of, kernel)
         _add(scene, still, of, kernel)
-    curve = _curve(same, changed.still - scene)  # Without noise, of which a filter takes.
+    curve = level_curve.told(same, changed.still - scene)  # Without noise, of which a filter takes.
     of_scene = changed.still - scene - curve.step(scene)
     of_noise = other - same - curve.step(same) - of_scene
-    laid = filtered + curve.step(filtered) + of_scene
-    for one, by in ((of_noise, more), (known.rounding, again)):
-        laid += cv2.filter2D(one, -1, _kernel(by))
-    return np.clip(laid, 0, ceiling).astype(np.float32)
+    added = of_scene + cv2.filter2D(of_noise, -1, _kernel(more))
+    image = filtered + curve.step(filtered) + added
+    image += cv2.filter2D(known.rounding, -1, _kernel(again))
+    codes = np.rint(within + curve.step(within) + added)
+    return Laid(*(np.clip(one, 0, ceiling).astype(np.float32) for one in (image, codes)))
 
 
 def known(captured: tuple[NDArray, NDArray], without: Exposed) -> tuple[list[Known], list[Known]]:
@@ -159,7 +169,7 @@ def known(captured: tuple[NDArray, NDArray], without: Exposed) -> tuple[list[Kno
 
 def pairs_laid_on(
     without: tuple[list[Known], list[Known]], changed: Exposed, *, ceiling: float
-) -> list[Image]:
+) -> tuple[list[Laid], list[Laid]]:
     """Lay what an effect does to simulated pairs onto captured ones.
 
     Args:
@@ -168,21 +178,23 @@ def pairs_laid_on(
         ceiling: largest code.
 
     Returns:
-        Left and right images (n, h, w) as of `laid_on`.
+        Of left and right images.
     """
-    laid = []
-    for side, images in enumerate(without):
+
+    def of(side: int) -> list[Laid]:
         still = _single(changed.still[side])
         made = [Changed(_single(pair[side]), still) for pair in changed.pairs]
-        each = zip(images, made, strict=False)
-        laid.append(np.stack([laid_on(one, by, ceiling=ceiling) for one, by in each]))
-    return laid
+        each = zip(without[side], made, strict=False)
+        return [laid_on(one, by, ceiling=ceiling) for one, by in each]
+
+    return of(0), of(1)
 
 
 def _known(captured: NDArray, without: Image, still: Image, side: int) -> Known:
+    levels = within_codes.levels(captured, side=side)
     # Another in each imager, as a matcher would see it, and the same in all repeats.
     spread = np.random.default_rng(side).uniform(-0.5, 0.5, without.shape)
-    return Known(*(_single(one) for one in (captured, without, still, spread)))
+    return Known(*(_single(one) for one in (captured, levels, without, still, spread)))
 
 
 def _single(image: NDArray) -> Image:
@@ -342,41 +354,7 @@ def _spectra(image: Image) -> Spectrum:
     step_px = _TILE_PX // 2
     tiles = sliding_window_view(image, (_TILE_PX, _TILE_PX))[::step_px, ::step_px]
     tiles = tiles.reshape(-1, _TILE_PX, _TILE_PX)
-    return rfft2(_WINDOW * (tiles - tiles.mean((1, 2), keepdims=True)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Curve:
-    """Mean change by level."""
-
-    levels: Image  # Rising.
-    change: Image
-
-    def step(self, image: Image) -> Image:
-        """Change of each pixel; beyond the levels that of the last."""
-        return np.interp(image, self.levels, self.change).astype(np.float32)
-
-    def of(self, image: Image) -> Image:
-        """The image changed; beyond the levels the curve goes on as it ends."""
-        if len(self.levels) == 1:
-            return image + self.step(image)
-        inside = np.clip(image, self.levels[0], self.levels[-1])
-        rise = np.diff(self.change) / np.diff(self.levels)
-        beyond = np.where(image < inside, 1 + rise[0], 1 + rise[-1]) * (image - inside)
-        return (inside + self.step(inside) + beyond).astype(np.float32)
-
-
-def _curve(levels: Image, change: Image) -> _Curve:
-    """Told in bins of equal shares of the pixels, and a few of the darkest and the brightest."""
-    ends = np.quantile(levels, _SHARES)
-    which = np.clip(np.searchsorted(ends, levels.ravel(), side="right") - 1, 0, len(ends) - 2)
-    count = np.bincount(which, minlength=len(ends) - 1)
-    known = count > 0
-    at, mean = (
-        np.bincount(which, one.ravel(), len(ends) - 1)[known] / count[known]
-        for one in (levels, change)
-    )
-    return _Curve(at, mean)
+    return np.asarray(rfft2(_WINDOW * (tiles - tiles.mean((1, 2), keepdims=True))))
 
 
 def _power(image: Image) -> float:

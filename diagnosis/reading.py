@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis import moved
+from diagnosis import moved, within_codes
 from patterns.errors import refuse
 from sim import measurement
 from sim.capture import CapturedScene, Frame, GreyImage
@@ -175,20 +175,21 @@ def exposed_again(of: Reading, sensor: Sensor, rng: np.random.Generator) -> Read
         rng: draws it.
     """
     assert of.left is not None and of.right is not None
-    left = _noisier(of.left, sensor.left, rng)
-    right = _noisier(of.right, sensor.right or sensor.left, rng)
+    left = _noisier(of.left, sensor.left, rng, side=0)
+    right = _noisier(of.right, sensor.right or sensor.left, rng, side=1)
     return dataclasses.replace(
         of, left=left, right=right, ours_px=matched(left[:1], right[:1], sensor)
     )
 
 
-def _noisier(images: Images, imager: Imager, rng: np.random.Generator) -> Images:
+def _noisier(images: Images, imager: Imager, rng: np.random.Generator, *, side: int) -> Images:
     scale = imager.dn_per_electron
-    signal = np.maximum(images - imager.black_level_dn, 0.0)
+    levels = np.stack([within_codes.levels(one, side=side) for one in images])
+    signal = np.maximum(levels - imager.black_level_dn, 0.0)
     variance = imager.shot_noise**2 * scale * signal + (scale * imager.read_noise_e) ** 2
     noise = (np.sqrt(variance) * rng.standard_normal(images.shape)).astype(np.float32)
     averaged = np.stack([smoothing.smoothed(one, imager.smoothing_px) for one in noise])
-    codes = np.rint(images + averaged)
+    codes = np.rint(levels + averaged)
     ceiling = max(2**imager.bit_depth - 1, int(images.max()))  # Images may have more bits.
     return np.clip(codes, 0, ceiling).astype(images.dtype)
 

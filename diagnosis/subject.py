@@ -224,9 +224,10 @@ class Subject:
         ceiling = max(2**sensor.left.bit_depth - 1, int(left.max()))
         laid = laid_on.pairs_laid_on(self._known[seed], changed, ceiling=ceiling)
         codes = np.uint8 if ceiling < 2**8 else np.uint16
-        first, second = (np.rint(images[:1]).astype(codes) for images in laid)
-        ours_px = matched(first, second, sensor)
-        return Reading(left=laid[0], right=laid[1], ours_px=ours_px, device_px=None)
+        left, right = (side[0].codes[None].astype(codes) for side in laid)
+        ours_px = matched(left, right, sensor)
+        first, second = (np.stack([one.image for one in side]) for side in laid)
+        return Reading(left=first, right=second, ours_px=ours_px, device_px=None)
 
     def _exact(self, settings: Mapping[str, Value], seed: int) -> tuple[Sensor, Exposed]:
         """Simulated pairs [DN], with the bits that codes lack."""

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from diagnosis.laid_on import Changed, Exposed, Known, known, laid_on, pairs_laid_on
+from diagnosis import within_codes
+from diagnosis.laid_on import Changed, Exposed, Known, Laid, known, laid_on, pairs_laid_on
 
 SHAPE = (240, 640)
 Do = Callable[[np.ndarray, np.random.Generator | None], np.ndarray]
@@ -77,10 +78,15 @@ def simulated(do: Do) -> Simulated:
     return Simulated(exact(0.0, plain, 7), exact(0.0, plain, None), changed)
 
 
-def laid(captured: np.ndarray, of: Simulated) -> np.ndarray:
+def both(captured: np.ndarray, of: Simulated) -> Laid:
     spread = np.random.default_rng(0).uniform(-0.5, 0.5, captured.shape).astype(np.float32)
-    known = Known(captured.astype(np.float32), of.without, of.still, spread)
+    levels = within_codes.levels(captured, side=0)
+    known = Known(captured.astype(np.float32), levels, of.without, of.still, spread)
     return laid_on(known, of.changed, ceiling=255)
+
+
+def laid(captured: np.ndarray, of: Simulated) -> np.ndarray:
+    return both(captured, of).image
 
 
 def sharpness(image: np.ndarray) -> float:
@@ -90,8 +96,14 @@ def sharpness(image: np.ndarray) -> float:
 @pytest.mark.parametrize("do", [blurred, lower, smoothed, noisier, brighter])
 def test_a_textured_image_answers_as_it_would_to_the_effect_itself(do):
     """In level and sharpness; what is not drawn anew pixel by pixel too."""
+    of = both(taken(1.0, plain, 5), simulated(do))
+    np.testing.assert_array_equal(of.codes, np.rint(of.codes))
+    answers(of.image, do)
+    answers(of.codes, do)
+
+
+def answers(found: np.ndarray, do: Do) -> None:
     captured, wanted = taken(1.0, plain, 5), taken(1.0, do, 5)
-    found = laid(captured, simulated(do))
     assert found.dtype == np.float32
     assert found.mean() == pytest.approx(wanted.mean(), rel=0.01)
     assert sharpness(found) == pytest.approx(sharpness(wanted), rel=0.04)
@@ -140,7 +152,7 @@ def test_a_tone_curve_gives_both_imagers_nothing_in_common():
     left, right = (np.rint(one[None]).astype(np.uint8) for one in even(5, 1.0))
     of = known((left, right), Exposed([even(7, 1.0)], even(None, 1.0)))
     laid = pairs_laid_on(of, Exposed([even(7, 2.0)], even(None, 2.0)), ceiling=255)
-    first, second = (np.rint(one[0]).ravel() for one in laid)
+    first, second = (np.rint(one[0].image).ravel() for one in laid)
     assert first.std() > 0.3 and second.std() > 0.3
     assert abs(np.corrcoef(first, second)[0, 1]) < 0.05
 
@@ -166,7 +178,21 @@ def test_a_lens_blurs_texture_that_simulation_lacks_and_no_noise():
 
 def test_where_simulation_does_not_differ_nothing_does():
     captured = taken(1.0, plain, 5)
-    np.testing.assert_array_equal(laid(captured, simulated(plain)), captured)
+    found = both(captured, simulated(plain))
+    np.testing.assert_array_equal(found.image, captured)
+    np.testing.assert_array_equal(found.codes, captured)
+
+
+def test_even_places_stay_even_for_a_matcher():
+    """Light that falls on all of a wall of one code moves a share of it one code further."""
+    captured = np.full(SHAPE, 6, np.uint8)
+    flat = [np.full(SHAPE, level, np.float32) for level in (6.0, 6.0, 7.2, 7.2)]
+    noise = 0.02 * np.random.default_rng(0).standard_normal(SHAPE).astype(np.float32)
+    of = Simulated(flat[0] + noise, flat[1], Changed(flat[2] + noise, flat[3]))
+    found = both(captured, of).codes
+    assert set(np.unique(found)) == {7.0, 8.0}
+    assert (found == 8).mean() == pytest.approx(0.2, abs=0.05)
+    assert (found[:, 1:] == found[:, :-1]).mean() > 0.9
 
 
 def test_what_is_added_stays_where_it_is_and_codes_within_their_range():

@@ -104,10 +104,13 @@ def test_one_more_exposure_is_averaged_as_the_device_averages_codes():
     flat = np.full((1, 400, 400), 80, np.uint8)
     still = reading.Reading(left=flat, right=flat, ours_px=None, device_px=None)
 
-    def added(sensor: Any) -> np.ndarray:
-        found = reading.exposed_again(still, sensor, np.random.default_rng(3)).left
+    def taken(sensor: Any, seed: int) -> np.ndarray:
+        found = reading.exposed_again(still, sensor, np.random.default_rng(seed)).left
         assert found is not None and found.dtype == np.uint8
-        return found[0].astype(float) - 80
+        return found[0].astype(float)
+
+    def added(sensor: Any) -> np.ndarray:
+        return (taken(sensor, 3) - taken(sensor, 4)) / np.sqrt(2)
 
     rounding = 1 / 12
     alone, averaged = added(SENSOR), added(device)
@@ -119,3 +122,17 @@ def test_one_more_exposure_is_averaged_as_the_device_averages_codes():
     beside = (averaged[:, 1:] * averaged[:, :-1]).mean() / (averaged.var() - rounding)
     assert beside == pytest.approx(float((spot[:, 1:] * spot[:, :-1]).sum()) / kept, abs=0.02)
     assert abs((alone[:, 1:] * alone[:, :-1]).mean()) < 0.03
+
+
+def test_noise_weaker_than_half_a_code_turns_as_many_codes_as_it_would():
+    """Law: of levels evenly over a code, noise of sigma carries 0.8 sigma over an edge."""
+    quiet = with_values(
+        SENSOR,
+        [("imager.shot_noise", 0.0), ("imager.read_noise_e", 0.1 / SENSOR.left.dn_per_electron)],
+    )
+    flat = np.full((1, 400, 400), 80, np.uint8)
+    still = reading.Reading(left=flat, right=flat, ours_px=None, device_px=None)
+    found = reading.exposed_again(still, quiet, np.random.default_rng(3)).left
+    assert found is not None
+    share = float(np.sqrt(2 / np.pi)) * 0.1
+    assert (found != 80).mean() == pytest.approx(share, rel=0.25)

@@ -1,0 +1,68 @@
+"""Levels round to the codes they are told of, and lack what rounding added."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from diagnosis.within_codes import levels
+
+SHAPE = (210, 330)
+
+
+def finest(image: np.ndarray) -> float:
+    """Variance per pixel that white noise of the finest structures' power would have."""
+    power = np.abs(np.fft.fft2(image - image.mean())) ** 2 / image.size
+    down, across = (np.abs(np.fft.fftfreq(side)) for side in image.shape)
+    return float(power[np.ix_(down > 0.4, across > 0.4)].mean())
+
+
+def averaged(spread_dn: float, sigma_px: float) -> np.ndarray:
+    """Noise on a slope, averaged."""
+    noise = np.random.default_rng(0).normal(0, spread_dn, SHAPE)
+    slope = np.linspace(20, 80, SHAPE[1])[None, :]
+    return cv2.GaussianBlur(noise, (0, 0), sigma_px) + slope
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    seed=st.integers(0, 1000),
+    spread_dn=st.floats(0, 60),
+    rows=st.integers(16, 70),
+    columns=st.integers(16, 70),
+)
+def test_levels_round_to_their_codes(seed: int, spread_dn: float, rows: int, columns: int):
+    noise = np.random.default_rng(seed).normal(0, spread_dn, (rows, columns))
+    codes = np.clip(np.rint(100 + noise), 0, 255).astype(np.uint8)
+    found = levels(codes, side=0)
+    assert found.dtype == np.float32
+    np.testing.assert_array_equal(np.rint(found), codes)
+
+
+def test_power_of_rounding_is_gone_where_it_is_all_there_is():
+    image = averaged(3.0, 1.0)
+    codes = np.rint(image).astype(np.uint8)
+    found = levels(codes, side=0)
+    assert finest(image) < 0.005 < 1 / 15 < finest(codes.astype(float))
+    assert finest(found) < 0.01
+    assert (found - image).std() < 0.9 * (codes - image).std()
+
+
+def test_what_is_far_above_rounding_stays():
+    image = averaged(3.0, 0.01)
+    found = levels(np.rint(image).astype(np.uint8), side=0)
+    assert finest(found) == pytest.approx(finest(image), rel=0.03)
+
+
+def test_even_places_lie_anywhere_within_their_codes_and_otherwise_in_each_imager():
+    """Law: moved by a share of a code, that share of them has another."""
+    codes = np.kron(np.array([[7, 8], [9, 30]], np.uint8), np.ones((300, 400), np.uint8))
+    left, right = (levels(codes, side=side) for side in (0, 1))
+    for moved in (0.1, 0.3, 0.5, 0.8):
+        assert (np.rint(left + moved) > codes).mean() == pytest.approx(moved, abs=0.06)
+    assert np.abs(np.diff(left[100:200, 100:300], axis=1)).max() < 0.2
+    assert abs(np.corrcoef((left - codes).ravel(), (right - codes).ravel())[0, 1]) < 0.15
+    np.testing.assert_array_equal(left, levels(codes, side=0))
