@@ -1,13 +1,16 @@
 """How strong an effect has to be to be found: what the diagnosis says of its own signatures.
 
     python -m diagnosis.detection CAPTURES... --sensor FILE [--cache FOLDER] [--effects NAME...]
+                                                      [--against-itself] [--out FILE]
 
-Prints JSON: by effect its base, and the values below and above from which on its own gain passes
-the threshold in half of the simulated readings; null where no value of its range does. Of effects
-that are a choice, all values that are found.
+Prints or writes JSON: by effect its base, and the values below and above from which on its own gain
+passes the threshold in half of the simulated readings; null where no value of its range does. Of
+effects that are a choice, all values that are found.
 
 Matcher and filters are asked about on the infrared images that the capture set holds; it should be
 one that nothing is wrong with. Of several capture sets those limits are told that hold in each.
+Real captures, of which something always is, are compared with themselves: then it is told what
+would be found in others of the same scenes.
 """
 
 from __future__ import annotations
@@ -21,13 +24,15 @@ from pathlib import Path
 from typing import Any
 
 from diagnosis import named, program
+from diagnosis.scene_pairs import scene_pairs
 from diagnosis.subject import subject
 from diagnosis.which import noticed
 from diagnosis.which.arm import Screen
 from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm
 from diagnosis.which.signature import Signature, signature, with_node
-from sim import asked_sensor, capture, effects, progress
+from sim import asked_sensor, capture, effects, output, progress
+from sim.capture import CaptureSet
 from sim.effects.effect import Value
 from sim.sensor import Sensor
 from sim.threads import single_threaded
@@ -44,6 +49,7 @@ def limits(
     captures: Path,
     sensor: Sensor,
     *,
+    against: CaptureSet | None = None,
     wanted: Collection[str] | None = None,
     cache: Path | None = None,
     tell: progress.Progress = progress.silent,
@@ -53,6 +59,7 @@ def limits(
     Args:
         captures: capture set; what it holds counts for effects of matcher and filters alone.
         sensor: the base.
+        against: capture set of the same scenes that captures would be compared with.
         wanted: effects that are asked about, with all their numbers; None asks about all.
         cache: folder that keeps what is simulated.
         tell: wraps loops that take long.
@@ -61,7 +68,8 @@ def limits(
         InputError: as `diagnosis.diagnosis.diagnose`, or of an effect that no table has.
     """
     names = {effects.named(name).name for name in wanted or ()}
-    subjects = [subject(scene, sensor) for scene in capture.open_set(captures).scenes]
+    pairs = scene_pairs(capture.open_set(captures), against).pairs
+    subjects = [subject(scene, sensor, against=other) for scene, other in pairs]
     asked, _ = named.parted(subjects)
     found: dict[str, Limits] = {}
     for arm in named.open_arms(subjects, asked):
@@ -169,16 +177,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sensor", required=True, help="preset or sensor file, the base")
     parser.add_argument("--cache", type=Path, help="folder that keeps what is simulated")
     parser.add_argument("--effects", nargs="+", help="that are asked about; all if none is named")
+    parser.add_argument(
+        "--against-itself", action="store_true", help="compare each set with its own captures"
+    )
+    parser.add_argument("--out", type=Path, help="file for the JSON; none prints it")
     asked = parser.parse_args(arguments)
     single_threaded()
 
     def work(tell: progress.Progress) -> None:
         sensor = asked_sensor.load(asked.sensor, captures=str(asked.captures[0]))
         found = [
-            limits(one, sensor, wanted=asked.effects, cache=asked.cache, tell=tell)
+            limits(
+                one,
+                sensor,
+                against=capture.open_set(one) if asked.against_itself else None,
+                wanted=asked.effects,
+                cache=asked.cache,
+                tell=tell,
+            )
             for one in asked.captures
         ]
-        print(json.dumps(in_each(found), indent=1))
+        told = json.dumps(in_each(found), indent=1)
+        if asked.out is None:
+            print(told)
+        else:
+            output.write_file(asked.out, told.encode())
 
     return program.run(work)
 

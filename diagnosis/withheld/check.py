@@ -17,6 +17,7 @@ from diagnosis.withheld.case import Case
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.figure import figure
+from diagnosis.withheld.limits import Limits
 from diagnosis.withheld.real_pairs import RealPairs
 from diagnosis.withheld.rendered import Rendered
 from diagnosis.withheld.scene_set import SceneSet, Table
@@ -216,7 +217,7 @@ class Check:
     def _drawn(self, singles: int | None, families: bytes) -> tuple[Case, ...]:
         source = self.sets[0].source
         camera = source.camera
-        least = limits.read()
+        least = self._limits()
         if self.power:
             return power.draw(camera, least.departures, self.tier.sets, each=singles)
         counts, _ = self.tier.drawn(singles)
@@ -229,6 +230,15 @@ class Check:
             leave_out=ROWS.keys() - source.effects,
             upwards=source.upwards,
         )
+
+    def _limits(self) -> Limits:
+        """Of a real camera its own, in scenes of a lot that no set of cases has."""
+        aside = self._source(self.tier.sets)
+        if not isinstance(aside, RealPairs):
+            return limits.read()
+        with lock.alone(aside.folder):
+            aside.prepare()
+            return aside.limits()
 
     def _left_out(self, cases: Sequence[Case], singles: int | None) -> list[Case]:
         if self.power:

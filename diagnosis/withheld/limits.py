@@ -27,19 +27,23 @@ class Limits:
     choices: Mapping[str, tuple[float, ...]]  # By effect that is a choice.
 
 
-def read() -> Limits:
+def read(file: Path | None = None) -> Limits:
     """Read from which departure on effects are found, and which choices are.
 
     Departures are from the camera that the limits were made with: they hold for another one.
 
+    Args:
+        file: Of another camera or other scenes; None takes this package's.
+
     Raises:
         WithheldError: if the file is missing or damaged.
     """
+    file = file or FILE
     try:
-        told: Any = json.loads(FILE.read_text(encoding="utf-8"))
+        told: Any = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         rule = "must be a readable JSON file"
-        raise refusal("detection limits", rule, FILE, f"{error}. {_ADVICE}") from error
+        raise refusal("detection limits", rule, file, f"{error}. {_ADVICE}") from error
     if not isinstance(told, dict):
         raise refusal("detection limits", "must be a table", type(told).__name__, _ADVICE)
     departures, choices = {}, {}

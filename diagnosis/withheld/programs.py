@@ -65,6 +65,21 @@ def families(out: Path) -> None:
     _run("diagnosis.families", [str(out)])
 
 
+def limits(out: Path, captures: Path, sensor: Path, cache: Path, effects: Sequence[str]) -> None:
+    """Write how strong effects have to be to be found in captures of the same scenes.
+
+    Args:
+        out: File.
+        captures: Capture set.
+        sensor: What the camera is believed to be.
+        cache: Folder that keeps what effects do to the scenes.
+        effects: Names.
+    """
+    asked = ["--sensor", str(sensor), "--cache", str(cache), "--out", str(out)]
+    asked += ["--against-itself", "--effects", *effects]
+    _run("diagnosis.detection", [str(captures), *asked])
+
+
 def diagnose(
     cases: Path,
     out: Path,

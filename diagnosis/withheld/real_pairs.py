@@ -20,10 +20,11 @@ from pathlib import Path
 
 import numpy as np
 
-from diagnosis.withheld import capture_files, inject, nominal, programs
+from diagnosis.withheld import capture_files, inject, limits, nominal, programs
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.errors import WithheldError, refusal
+from diagnosis.withheld.limits import Limits
 from diagnosis.withheld.nominal import Nominal
 from diagnosis.withheld.readout import Codes
 from sim import capture
@@ -98,6 +99,18 @@ class RealPairs:
             shutil.rmtree(part, ignore_errors=True)
             self._write({}, _WITHOUT, part)
             part.rename(self.against)
+
+    def limits(self) -> Limits:
+        """Tell what is found of effects in these scenes, of which no case may be then.
+
+        Raises:
+            WithheldError: if the diagnosis fails.
+        """
+        path = self.folder / "limits.json"
+        if not path.exists():
+            known = sorted(name for name in self.effects if ROWS[name].kind != "outside")
+            programs.limits(path, self.against, self.sensor, self.cache, known)
+        return limits.read(path)
 
     def take(self, cases: Sequence[Case], out: Path) -> None:
         """Put the effects of cases into the pairs.

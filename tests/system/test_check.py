@@ -62,6 +62,7 @@ IN_PROCESS = {
     "diagnosis.light_sets": light_sets.main,
     "diagnosis.captured_camera": captured_camera.main,
     "diagnosis.own_depth": own_depth.main,
+    "diagnosis.detection": detection.main,
     "diagnosis.families": families.main,
     "diagnosis.batch": batch.main,
 }
@@ -262,7 +263,13 @@ def test_effects_in_real_pairs_are_diagnosed_against_the_pairs(done, tmp_path):
     asked = {"captures": tmp_path / "real", "sensor": str(one.sets[0].source.sensor)}
     real = Check(out=tmp_path / "run", tier=pairs, blender=Path("none"), jobs=1, **asked)
     cases = real.prepared()
-    assert {*TRIED} > {name for each in cases if each.kind == "single" for name in each.settings}
+    singles = [(*each.settings.items(),) for each in cases if each.kind == "single"]
+    found = limits.read(tmp_path / "run" / "set-1" / "limits.json").departures
+    assert {*TRIED} > {name for ((name, _),) in singles} and found.keys() < {*TRIED}
+    for ((name, value),) in singles:
+        row = catalogue.ROWS[name]
+        apart = row.apart(row.neutral_of(real.sets[0].source.camera), value)
+        assert apart >= found[name] * (1 - 1e-9) > 0
     moved = (tmp_path / "real").rename(tmp_path / "moved")
     real = dataclasses.replace(real, captures=moved)
     assert real.prepared() == cases
