@@ -31,7 +31,7 @@ _BANDS = 12  # Of a tile, by how fine they are.
 _RADIUS = np.hypot(fftfreq(_TILE_PX)[:, None], rfftfreq(_TILE_PX)[None])  # [1 / px]
 _BAND = np.minimum(_RADIUS / 0.5 * _BANDS, _BANDS - 1).astype(int)
 _IN_BAND = np.eye(_BANDS, dtype=np.float32)[_BAND.ravel()]
-_EVEN_PX = 7  # and of that in which an image has to be even.
+_EVEN_PX = 7  # Side of the square in which an image has to be even.
 _SMOOTH_PX = 8.0  # Sigma of what is drawn.
 
 
