@@ -84,7 +84,8 @@ TIERS = {
         number=2,
         source="cycles",
         matcher="own",
-        first=3100,  # 3000 to 3047 were opened; what they taught is in the rules.
+        # 3000 to 3047 were opened, and what they taught is in the rules; so were 3100 to 3147.
+        first=3200,
         scenes=8,
         counts={"single": 24, "null": 20, "pair": 12, "unknown": 9},
         left_out=15,
