@@ -32,7 +32,6 @@ from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm
 from diagnosis.which.signature import Signature, signature, with_node
 from sim import asked_sensor, capture, effects, output, progress
-from sim.capture import CaptureSet
 from sim.effects.effect import Value
 from sim.sensor import Sensor
 from sim.threads import single_threaded
@@ -49,7 +48,7 @@ def limits(
     captures: Path,
     sensor: Sensor,
     *,
-    against: CaptureSet | None = None,
+    against_itself: bool = False,
     wanted: Collection[str] | None = None,
     cache: Path | None = None,
     tell: progress.Progress = progress.silent,
@@ -59,7 +58,7 @@ def limits(
     Args:
         captures: capture set; what it holds counts for effects of matcher and filters alone.
         sensor: the base.
-        against: capture set of the same scenes that captures would be compared with.
+        against_itself: whether captures would be compared with others of the same scenes.
         wanted: effects that are asked about, with all their numbers; None asks about all.
         cache: folder that keeps what is simulated.
         tell: wraps loops that take long.
@@ -68,7 +67,8 @@ def limits(
         InputError: as `diagnosis.diagnosis.diagnose`, or of an effect that no table has.
     """
     names = {effects.named(name).name for name in wanted or ()}
-    pairs = scene_pairs(capture.open_set(captures), against).pairs
+    known = capture.open_set(captures)
+    pairs = scene_pairs(known, known if against_itself else None).pairs
     subjects = [subject(scene, sensor, against=other) for scene, other in pairs]
     asked, _ = named.parted(subjects)
     found: dict[str, Limits] = {}
@@ -190,7 +190,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             limits(
                 one,
                 sensor,
-                against=capture.open_set(one) if asked.against_itself else None,
+                against_itself=asked.against_itself,
                 wanted=asked.effects,
                 cache=asked.cache,
                 tell=tell,

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from diagnosis.withheld import case, limits, lock, power, programs, score, seal
+from diagnosis.withheld import case, lock, power, programs, score, seal
 from diagnosis.withheld.answered import Answered
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.figure import figure
-from diagnosis.withheld.limits import Limits
 from diagnosis.withheld.real_pairs import RealPairs
 from diagnosis.withheld.rendered import Rendered
 from diagnosis.withheld.scene_set import SceneSet, Table
@@ -217,7 +216,7 @@ class Check:
     def _drawn(self, singles: int | None, families: bytes) -> tuple[Case, ...]:
         source = self.sets[0].source
         camera = source.camera
-        least = self._limits()
+        least = self._source(self.tier.sets).limits()  # Of a set that no case is of.
         if self.power:
             return power.draw(camera, least.departures, self.tier.sets, each=singles)
         counts, _ = self.tier.drawn(singles)
@@ -230,15 +229,6 @@ class Check:
             leave_out=ROWS.keys() - source.effects,
             upwards=source.upwards,
         )
-
-    def _limits(self) -> Limits:
-        """Of a real camera its own, in scenes of a lot that no set of cases has."""
-        aside = self._source(self.tier.sets)
-        if not isinstance(aside, RealPairs):
-            return limits.read()
-        with lock.alone(aside.folder):
-            aside.prepare()
-            return aside.limits()
 
     def _left_out(self, cases: Sequence[Case], singles: int | None) -> list[Case]:
         if self.power:

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from diagnosis.withheld import capture_files, inject, limits, nominal, programs
+from diagnosis.withheld import capture_files, inject, limits, lock, nominal, programs
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.errors import WithheldError, refusal
@@ -104,12 +104,14 @@ class RealPairs:
         """Tell what is found of effects in these scenes, of which no case may be then.
 
         Raises:
-            WithheldError: if the diagnosis fails.
+            WithheldError: as `prepare`, or if the diagnosis fails or another run works here.
         """
         path = self.folder / "limits.json"
-        if not path.exists():
-            known = sorted(name for name in self.effects if ROWS[name].kind != "outside")
-            programs.limits(path, self.against, self.sensor, self.cache, known)
+        with lock.alone(self.folder):
+            if not path.exists():
+                self.prepare()
+                known = sorted(name for name in self.effects if ROWS[name].kind != "outside")
+                programs.limits(path, self.against, self.sensor, self.cache, known)
         return limits.read(path)
 
     def take(self, cases: Sequence[Case], out: Path) -> None:

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from diagnosis.withheld import device, nominal, programs, shoot
+from diagnosis.withheld import device, limits, nominal, programs, shoot
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.catalogue import ROWS
+from diagnosis.withheld.limits import Limits
 from diagnosis.withheld.nominal import Nominal
 from diagnosis.withheld.tier import Tier
 
@@ -73,6 +74,14 @@ class Rendered:
             programs.light(self._starlings, names, self.tier.width, self.tier.height)
         if self._starlings != self.light:
             programs.cycles(self._starlings, self.light, self.blender)
+
+    def limits(self) -> Limits:
+        """Those of this package's camera.
+
+        Raises:
+            WithheldError: if they cannot be read.
+        """
+        return limits.read()
 
     def take(self, cases: Sequence[Case], out: Path) -> None:
         """Take infrared pairs of cases, and depth.

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from diagnosis.withheld.case import Case
+from diagnosis.withheld.limits import Limits
 from diagnosis.withheld.nominal import Nominal
 
 
@@ -50,6 +51,10 @@ class Source(Protocol):
 
     def prepare(self) -> None:
         """Make what all cases need, if it is not there."""
+        ...
+
+    def limits(self) -> Limits:
+        """How strong effects have to be to be found, told before any case is drawn."""
         ...
 
     def take(self, cases: Sequence[Case], out: Path) -> None:
