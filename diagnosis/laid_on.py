@@ -54,7 +54,7 @@ _MOST = 16.0  # Times the noise that is added,
 _LEAST = 0.2  # and share of the captured image that is left at least.
 _WINDOW = np.outer(np.hanning(_TILE_PX), np.hanning(_TILE_PX)).astype(np.float32)
 _ROUNDING = float((_WINDOW**2).sum()) / 12  # Power of the noise of whole codes.
-_LITTLE = 1e-4 * _ROUNDING  # Power too weak to tell of anything.
+_LITTLE = 1e-3 * _ROUNDING  # Power too weak to tell of anything, as that of the finest bits.
 _UNSURE = 0.05  # Share of what is no filter's doing that what tells of one has to be above.
 _BANDS = 8  # In which powers are compared,
 _RADIUS = np.hypot(fftfreq(_TILE_PX)[:, None], rfftfreq(_TILE_PX)[None])  # [1 / px]
@@ -71,7 +71,6 @@ class Known:
     levels: Image  # and what was rounded to them, as of `within_codes`.
     without: Image  # Simulated, not rounded.
     still: Image  # Likewise, without noise and speckle.
-    spread: Image  # Offsets evenly over a code: a curve would leave gaps between whole ones.
 
     @cached_property
     def spectra(self) -> list[_Spectra]:
@@ -123,9 +122,10 @@ def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Laid:
     spectra = None
     bend = level_curve.told(base, other - base)
     if _power(other - bend.of(base)) < _POINTWISE * _power(other - base):
-        seen, codes = (bend.of(one + known.spread) for one in (seen, np.rint(base)))
+        rounding = seen - level  # Comes after the curve, as what whole codes are off.
         level, base, still = (bend.of(one) for one in (level, base, still))
-        spectra = _block_spectra(seen, base, still, codes)
+        seen = level + rounding
+        spectra = _block_spectra(seen, base, still, base + known.rounding)
     blocks = _blocks(seen.shape)
     rounded = np.rint(other)
     told = [
@@ -192,9 +192,7 @@ def pairs_laid_on(
 
 def _known(captured: NDArray, without: Image, still: Image, side: int) -> Known:
     levels = within_codes.levels(captured, side=side)
-    # Another in each imager, as a matcher would see it, and the same in all repeats.
-    spread = np.random.default_rng(side).uniform(-0.5, 0.5, without.shape)
-    return Known(*(_single(one) for one in (captured, levels, without, still, spread)))
+    return Known(*(_single(one) for one in (captured, levels, without, still)))
 
 
 def _single(image: NDArray) -> Image:

@@ -26,7 +26,7 @@ from diagnosis.withheld.draws import Draws
 from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.nominal import Nominal
 from diagnosis.withheld.readout import Codes
-from diagnosis.withheld.unrounded import unrounded
+from diagnosis.withheld.unrounded import shares, unrounded
 
 Image = NDArray[np.float64]
 
@@ -98,7 +98,8 @@ def inject(
         seed: Of all draws.
         scene: Name of the scene, for draws that are the scene's.
         frame: Number of the frame.
-        exposed_again: Add the noise of one more exposure, drawn for this frame.
+        exposed_again: Add the noise of one more exposure, drawn for this frame, to levels that are
+            moved by shares of a code first, the same for all frames and effects.
 
     Returns:
         The pair with effects; equal to the one given where every effect is at its neutral and
@@ -146,7 +147,9 @@ class _Injection:
         if not self.exposed_again and not any(self.strengths.acting(name) for name in EFFECTS):
             return image_dn
         nominal = self.strengths.nominal
-        signal = unrounded(image_dn, side=self.side) - nominal.black_level_dn
+        signal = unrounded(image_dn) - nominal.black_level_dn
+        if self.exposed_again:
+            signal = signal + shares(signal.shape, side=self.side)
         signal = self._grain(signal)
         signal = self._through_optics(signal)
         if self.exposed_again:

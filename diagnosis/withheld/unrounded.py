@@ -5,8 +5,9 @@ An effect that acts before may neither blur nor stretch it, and noise that is ad
 is rounded to nothing where it is weak. In an image of a device that averages its codes most of the
 finest structure is this noise.
 
-Where an image is even it stands on one code, and nothing tells where within. In the middle of it
-none would be moved over its edge by a little, and all by half a code; so such places are dealt out.
+What is told so lies near the middles of its codes. There a little noise moves nothing over an edge,
+and at an edge all of it does. So images are made brighter or darker by a share of a code, another
+from place to place: then the same part of them is near an edge whatever an effect does to levels.
 """
 
 from __future__ import annotations
@@ -25,27 +26,36 @@ _HALF = 0.5 - 1e-6  # What it is off a code by at most, so that it rounds to tha
 # Powers are told tile by tile, faded into each other: dots of bright places are not those of dark.
 _TILE_PX = 64
 _FADE = np.outer(np.hanning(_TILE_PX + 1)[:-1], np.hanning(_TILE_PX + 1)[:-1])
-_EVEN_PX = 7  # Side of the square in which an image has to be even,
-_SMOOTH_PX = 8.0  # and how smooth it is taken to be there: sigma of what is dealt out.
-_LEVELS = 0x0C0D_E5  # Seed of where they lie within their codes: the same in every case.
+_SMOOTH_PX = 16.0  # Sigma of the shares, so that they are no texture.
+_SHARES = 0x0C0D_E5  # Their seed: the same in every case, and in pairs without effects.
 
 Image = NDArray[np.float64]
 
 
-def unrounded(codes: NDArray[np.integer], *, side: str) -> Image:
+def unrounded(codes: NDArray[np.integer]) -> Image:
     """Take out of an image the power that rounding put in, frequency by frequency.
 
     Args:
         codes: (h, w) whole codes [DN].
-        side: "left" or "right" imager; where even places lie within their codes is each one's own,
-            as a matcher would see what both have in common.
 
     Returns:
         (h, w) [DN], which rounds to these codes.
     """
     image = codes.astype(np.float64)
-    level = np.clip(_smooth(image), image - _HALF, image + _HALF)
-    return level + _within(level, image, side)
+    return np.clip(_smooth(image), image - _HALF, image + _HALF)
+
+
+def shares(shape: tuple[int, int], *, side: str) -> Image:
+    """Draw smooth shares of a code, evenly from half of one below to half of one above.
+
+    Args:
+        shape: (h, w).
+        side: "left" or "right" imager; each has its own, as a matcher would see what both have in
+            common.
+    """
+    rng = np.random.Generator(np.random.SFC64([_SHARES, side == "right"]))
+    field = cv2.GaussianBlur(rng.standard_normal(shape), (0, 0), _SMOOTH_PX)
+    return special.ndtr(field / field.std()) - 0.5
 
 
 def _smooth(image: Image) -> Image:
@@ -63,16 +73,3 @@ def _smooth(image: Image) -> Image:
         gain = np.sqrt(np.clip(1 - _ROUNDING / power, 0.0, 1.0))
         total[place] += _FADE * bands.filtered(tile, gain)
     return total[step : step + image.shape[0], step : step + image.shape[1]]
-
-
-def _within(level: Image, codes: Image, side: str) -> Image:
-    """Smooth offsets of even places, drawn evenly from what leaves all around within its code."""
-    square = np.ones((_EVEN_PX, _EVEN_PX), np.uint8)
-    even = cv2.dilate(codes, square) - cv2.erode(codes, square) <= 1
-    below, above = (
-        cv2.blur(cv2.erode(np.where(even, room, 0.0), square), square.shape)
-        for room in (level - codes + _HALF, codes + _HALF - level)
-    )
-    rng = np.random.Generator(np.random.SFC64([_LEVELS, side == "right"]))
-    field = cv2.GaussianBlur(rng.standard_normal(level.shape), (0, 0), _SMOOTH_PX)
-    return special.ndtr(field / field.std()) * (below + above) - below

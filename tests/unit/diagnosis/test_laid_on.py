@@ -47,6 +47,10 @@ def brighter(image: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
     return 255 * (np.clip(image + noise(rng), 0, 255) / 255) ** (1 / 1.3)
 
 
+def hardly_brighter(image: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
+    return 255 * (np.clip(image + noise(rng), 0, 255) / 255) ** (1 / 1.002)
+
+
 def plain(image: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
     return image + noise(rng)
 
@@ -79,9 +83,8 @@ def simulated(do: Do) -> Simulated:
 
 
 def both(captured: np.ndarray, of: Simulated) -> Laid:
-    spread = np.random.default_rng(0).uniform(-0.5, 0.5, captured.shape).astype(np.float32)
     levels = within_codes.levels(captured, side=0)
-    known = Known(captured.astype(np.float32), levels, of.without, of.still, spread)
+    known = Known(captured.astype(np.float32), levels, of.without, of.still)
     return laid_on(known, of.changed, ceiling=255)
 
 
@@ -136,6 +139,16 @@ def test_a_tone_curve_leaves_no_gaps_between_codes():
     assert comb[1] < 1.5 * comb[0]
     curve = 255 * (captured / 255) ** (1 / 1.3)
     assert _comb(np.rint(curve)) > 5 * comb[0]
+
+
+def test_what_hardly_does_anything_brings_no_noise():
+    """Detection limits are told by how much the weakest strengths change."""
+    captured = taken(1.0, plain, 5)
+    found = laid(captured, simulated(hardly_brighter))
+    wanted = 255 * (captured / 255) ** (1 / 1.002)
+    assert 0.05 < (wanted - captured).mean() < 0.3
+    assert (found - wanted).mean() == pytest.approx(0, abs=0.01)
+    assert (found - wanted).std() < 0.05
 
 
 def test_a_tone_curve_gives_both_imagers_nothing_in_common():

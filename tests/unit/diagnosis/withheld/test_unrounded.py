@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from diagnosis.withheld.unrounded import unrounded
+from diagnosis.withheld.unrounded import shares, unrounded
 
 SHAPE = (200, 320)
 
@@ -21,14 +21,14 @@ def scene(sigma_px: float) -> np.ndarray:
 @pytest.mark.parametrize("sigma_px", [0.0, 0.7, 1.0])
 def test_it_rounds_to_the_codes_it_was_made_of(sigma_px: float):
     codes = np.rint(scene(sigma_px)).astype(np.uint8)
-    np.testing.assert_array_equal(np.rint(unrounded(codes, side="left")), codes)
+    np.testing.assert_array_equal(np.rint(unrounded(codes)), codes)
 
 
 def test_power_of_rounding_is_gone_where_it_is_all_there_is():
     """An averaged image holds nothing at the finest scale; its codes 1/12 DN^2."""
     image = scene(1.0)
     codes = np.rint(image).astype(np.uint8)
-    made = unrounded(codes, side="left")
+    made = unrounded(codes)
     power = [_finest(one) for one in (image, codes.astype(float), made)]
     assert power[0] < 0.005 < 1 / 15 < power[1]
     assert power[2] < 0.01
@@ -37,21 +37,30 @@ def test_power_of_rounding_is_gone_where_it_is_all_there_is():
 
 def test_what_is_far_above_rounding_stays():
     image = scene(0.0)
-    made = unrounded(np.rint(image).astype(np.uint8), side="left")
+    made = unrounded(np.rint(image).astype(np.uint8))
     assert made.std() == pytest.approx(image.std(), rel=0.002)
     assert _finest(made) == pytest.approx(_finest(image), rel=0.02)
 
 
-def test_even_places_lie_anywhere_within_their_codes():
-    """Moved by a share of a code that share of them has another, whatever the share."""
-    codes = np.kron(np.array([[7, 8], [9, 30]], np.uint8), np.ones((300, 400), np.uint8))
-    level = unrounded(codes, side="left")
-    np.testing.assert_array_equal(np.rint(level), codes)
-    for moved in (0.1, 0.3, 0.5, 0.8):
-        assert (np.rint(level + moved) > codes).mean() == pytest.approx(moved, abs=0.06)
-    assert np.abs(np.diff(level[100:200, 100:300], axis=1)).max() < 0.2
-    other = unrounded(codes, side="right")
-    assert abs(np.corrcoef((level - codes).ravel(), (other - codes).ravel())[0, 1]) < 0.15
+@pytest.mark.parametrize("sigma_px", [0.7, 1.0])
+def test_with_its_share_of_a_code_an_image_lies_anywhere_within(sigma_px: float):
+    """Law: what is moved by a part of a code is that part over to the next, whatever the part."""
+    level = unrounded(np.rint(scene(sigma_px)).astype(np.uint8))
+    moved = [0.1, 0.3, 0.5, 0.8]
+    by_share = level + shares(SHAPE, side="left")
+    for part in moved:
+        over = np.rint(by_share + part) > np.rint(by_share)
+        assert over.mean() == pytest.approx(part, abs=0.06)
+    assert (np.rint(level + 0.1) > np.rint(level)).mean() < 0.04  # Without, few are near an edge.
+
+
+def test_shares_are_smooth_and_each_imager_has_its_own():
+    left, right = (shares((400, 600), side=side) for side in ("left", "right"))
+    assert np.abs(left).max() <= 0.5
+    np.testing.assert_allclose(np.quantile(left, [0.25, 0.5, 0.75]), [-0.25, 0, 0.25], atol=0.06)
+    assert np.abs(np.diff(left, axis=1)).max() < 0.1
+    assert abs(np.corrcoef(left.ravel(), right.ravel())[0, 1]) < 0.15
+    np.testing.assert_array_equal(left, shares((400, 600), side="left"))
 
 
 def _finest(image: np.ndarray) -> float:
