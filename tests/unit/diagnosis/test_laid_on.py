@@ -151,6 +151,21 @@ def test_what_hardly_does_anything_brings_no_noise():
     assert (found - wanted).std() < 0.05
 
 
+def test_the_finest_bits_of_an_averaged_image_are_no_scene():
+    """Of these a filter would tell that the effect takes what differs by chance."""
+
+    def fine(effect: float, seed: int | None) -> np.ndarray:
+        glare = effect * np.linspace(0, 1, SHAPE[1])
+        image = (1 - effect) * cv2.GaussianBlur(exact(0.0, plain, seed), (0, 0), 0.9) + glare
+        return (np.rint(256 * image) / 256).astype(np.float32)
+
+    captured = np.rint(fine(0.0, 5)).astype(np.uint8)
+    without, still, *changed = (fine(by, seed) for by in (0.0, 0.001) for seed in (7, None))
+    found = laid(captured, Simulated(without, still, Changed(*changed)))
+    assert 0.02 < np.abs(changed[0] - without).mean() < 0.06
+    assert (found - captured).std() < 0.04
+
+
 def test_a_tone_curve_gives_both_imagers_nothing_in_common():
     """A matcher finds what is alike in both images at no disparity, where dots are weaker."""
     shape = (160, 224)
