@@ -35,7 +35,7 @@ def closed(
     Args:
         before: by figure, of each scene that has it, with the base.
         after: with the accepted effects.
-        floor: of two readings that differ by noise alone.
+        floor: of two simulated readings, by two devices of the kind.
         rooms: of the scenes.
 
     Returns:

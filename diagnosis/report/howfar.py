@@ -36,7 +36,9 @@ def section(of: Diagnosis) -> str:
     if of.howfar is None:
         before = {} if of.residual is None else of.residual.alone
         why = (
-            "no scene is locked" if not of.locked else "no effect is named whose share could be had"
+            "no scene is locked"
+            if not of.locked
+            else "no effect was accepted whose share can be measured"
         )
         return (
             prose(f"How far the gap closes was not judged: {why}.")
@@ -54,9 +56,9 @@ def section(of: Diagnosis) -> str:
     )
     said = (
         f"Measured on {counted(len(of.locked), 'scene')} that had no say in what is named. {tells} "
-        "Floor: that of two simulated captures that differ by noise alone, and, where the device's "
-        "matcher reads finer bits than its images have, by these. Closed: before less after, over "
-        "before less floor; above 100 % what is left is less than noise alone would have it, below "
+        "Floor: that of two simulated captures by two devices of the kind, and, where their "
+        "matcher reads finer bits than images have, by these. Closed: before less after, over "
+        "before less floor; above 100 % what is left is less than two devices differ by, below "
         "0 % it is more than before."
     )
     stand_ins = (

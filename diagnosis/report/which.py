@@ -62,8 +62,9 @@ def _arm(arm: Found) -> str:
     said = (
         f"Size of the gap, the mean squared deviation of its features: before {before}, with the "
         f"accepted effects {after}. Chance alone makes up to {number(arm.screen.noise, '.3g')}. "
-        f"Beyond what the accepted effects may be simulated wrong by {number(arm.beyond, '.3g')} "
-        f"is left; up to {number(arm.explained_below, '.3g')} counts as explained."
+        "Less what accepted effects may be off by, as none is simulated as it truly is, "
+        f"{number(arm.beyond, '.3g')} is left; up to {number(arm.explained_below, '.3g')} counts "
+        "as explained."
     )
     return (
         f"<h3>In {escape(stage)}</h3>"

@@ -76,7 +76,8 @@ def draw(
         WithheldError: if a count is negative, a limit is of no effect, or nothing can be drawn.
     """
     limits = limits or Limits(departures={}, choices={})
-    check_names({**limits.departures, **dict.fromkeys(limits.choices, 0.0)})
+    names = [*(name for name, _ in limits.departures), *limits.choices]
+    check_names(dict.fromkeys(names, 0.0))
     skip = set(leave_out)
     check_names(dict.fromkeys(skip, 0.0))
     rng = lot(entropy)
@@ -136,12 +137,9 @@ class _Drawer:
     def family(self, row: Row) -> str:
         return self.families.get(row.name, row.name)
 
-    def low(self, row: Row) -> float:
-        return max(self.limits.departures.get(row.name, row.low), 1e-12)
-
     def sides(self, row: Row) -> list[int]:
-        """Signs to which the camera leaves room for a departure."""
-        signs = row.sides(self.nominal, self.low(row))
+        """Signs to which an effect is drawn."""
+        signs = self.limits.sides(row, self.nominal)
         return [sign for sign in signs if sign > 0 or row.name not in self.upwards]
 
     def able(self, rows: Iterable[Row]) -> list[Row]:
@@ -172,7 +170,7 @@ class _Drawer:
         if row.scale == "choice":
             return float(self.rng.choice(self.choices(row)))
         sign = int(self.rng.choice(self.sides(row)))
-        low, high = self.low(row), row.reach(self.nominal, sign)
+        low, high = max(self.limits.least(row, sign), 1e-12), row.reach(self.nominal, sign)
         departure = math.exp(self.rng.uniform(math.log(low), math.log(high)))
         return row.value(self.nominal, departure, sign)
 

@@ -50,10 +50,6 @@ class Row:
             room = (self.most / neutral if sign > 0 else neutral / self.least) - 1.0
         return max(min(self.high, room), 0.0)
 
-    def sides(self, nominal: Nominal, departure: float) -> list[int]:
-        """Signs of departures to which this camera leaves as much room."""
-        return [sign for sign in self.signs if self.reach(nominal, sign) >= departure]
-
     def value(self, nominal: Nominal, departure: float, sign: int) -> float:
         """Strength at a departure >= 0 to one side of the neutral."""
         neutral = self.neutral_of(nominal)

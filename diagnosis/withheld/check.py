@@ -103,18 +103,20 @@ class Check:
 
         Raises:
             WithheldError: if a renderer fails, another run works here, the truth, the diagnosis'
-                families or what is asked for are not what was sealed, there are verdicts and no
-                seal, or the detection limits cannot be read.
+                families or what is asked for are not what was sealed, there are captures or
+                verdicts and no seal, light or pairs are of something else, or the detection limits
+                cannot be read.
         """
         self._left_out((), singles)  # Refuses what no tier can draw.
         self._each(_prepare, [(one,) for one in self.sets])
         families = self._families()
         told = {seal.FAMILIES: families, seal.ASKED: self._asked(singles)}
         if not (self.place / seal.SEAL).exists():
-            answers = [*self.place.glob("set-*/w*/*.json")]
+            answers = [*self.place.glob("set-*/w*/*.json"), *self.place.glob("set-*/cases/*")]
             if answers:
                 advice = "Give a new folder: cases are drawn before they are answered."
-                raise refusal("verdicts", "must come after the seal", answers[0], advice)
+                rule = "must come after the seal"
+                raise refusal("captures and verdicts", rule, answers[0], advice)
             seal.seal(self._drawn(singles, families), told, self.hidden, self.place)
         return seal.verify(told, self.hidden, self.place)
 
@@ -135,8 +137,11 @@ class Check:
         if not any(one.pending(*of) for one, *of in each):
             return
         self._refuse_other_code()
-        self._each(_diagnose, each)
-        self._refuse_other_code()  # Programs begin one after the other.
+        try:
+            self._each(_diagnose, each)
+        finally:
+            seal.worked(self.place)  # Programs begin one after the other.
+        self._refuse_other_code()
 
     def scored(self, cases: Sequence[Case], singles: int | None = None) -> dict[str, Any]:
         """Open the truth beside the verdicts; every opening is written down.
@@ -193,8 +198,8 @@ class Check:
             "cases": singles,
             "infrared": self.infrared,
             "power": self.power,
-            "captures": self.captures and _content(self.captures),
-            "sensor": self.sensor and _content(Path(self.sensor)),
+            "captures": self.captures and seal.content(self.captures),
+            "sensor": self.sensor and seal.content(Path(self.sensor)),
         }
         return json.dumps(told, indent=1).encode()
 
@@ -206,7 +211,8 @@ class Check:
         ]
 
     def _families(self) -> bytes:
-        path = self.out / f".{seal.FAMILIES}"
+        path = self.place / f".{seal.FAMILIES}"
+        path.parent.mkdir(parents=True, exist_ok=True)
         programs.families(path)
         try:
             return path.read_bytes()
@@ -218,7 +224,7 @@ class Check:
         camera = source.camera
         least = self._source(self.tier.sets).limits()  # Of a set that no case is of.
         if self.power:
-            return power.draw(camera, least.departures, self.tier.sets, each=singles)
+            return power.draw(camera, least, self.tier.sets, each=singles)
         counts, _ = self.tier.drawn(singles)
         return case.draw(
             camera,
@@ -248,15 +254,6 @@ class Check:
         with ProcessPoolExecutor(self.jobs, mp_context=context) as pool:
             for done in [pool.submit(work, *each) for each in arguments]:
                 done.result()
-
-
-def _content(path: Path) -> str:
-    """SHA-256 of a file or of all files of a folder; of what is neither, a preset, the name."""
-    if path.is_file():
-        return seal.digest(path.read_bytes())
-    files = sorted(one for one in path.rglob("*") if one.is_file())
-    each = [f"{seal.digest(one.read_bytes())}  {one.relative_to(path)}\n" for one in files]
-    return seal.digest("".join(each).encode()) if files else path.name
 
 
 def _noticed(answered: Sequence[Answered]) -> float | None:

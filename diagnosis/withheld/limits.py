@@ -10,6 +10,7 @@ from typing import Any
 
 from diagnosis.withheld.catalogue import ROWS, Row
 from diagnosis.withheld.errors import refusal
+from diagnosis.withheld.nominal import Nominal
 
 # Values below and above the base from which on half of the readings are found, or the choices that
 # are, by effect, on scenes of development alone: `python -m diagnosis.detection`.
@@ -21,10 +22,18 @@ _ADVICE = "Make the file again by python -m diagnosis.detection."
 class Limits:
     """What is found."""
 
-    # Least departure by effect, to the side where it is found later; infinite where none of an
-    # effect's range is found.
-    departures: Mapping[str, float]
+    # By effect and sign, the least departure; infinite where none of the range there is found.
+    departures: Mapping[tuple[str, int], float]
     choices: Mapping[str, tuple[float, ...]]  # By effect that is a choice.
+
+    def least(self, row: Row, sign: int) -> float:
+        """Least departure to one side that is found; the page's low end where nobody asked."""
+        return self.departures.get((row.name, sign), row.low)
+
+    def sides(self, row: Row, camera: Nominal) -> list[int]:
+        """Signs to which a camera leaves room for a departure that is found there."""
+        room = {sign: row.reach(camera, sign) for sign in row.signs}
+        return [sign for sign, most in room.items() if 0 < most >= self.least(row, sign)]
 
 
 def read(file: Path | None = None) -> Limits:
@@ -46,7 +55,8 @@ def read(file: Path | None = None) -> Limits:
         raise refusal("detection limits", rule, file, f"{error}. {_ADVICE}") from error
     if not isinstance(told, dict):
         raise refusal("detection limits", "must be a table", type(told).__name__, _ADVICE)
-    departures, choices = {}, {}
+    departures: dict[tuple[str, int], float] = {}
+    choices = {}
     for name, limit in told.items():
         row = ROWS.get(name)
         if row is None:
@@ -54,11 +64,11 @@ def read(file: Path | None = None) -> Limits:
         if row.scale == "choice":
             choices[name] = _choices(row, limit)
         else:
-            departures[name] = _departure(row, limit)
+            departures |= {(name, sign): _departure(row, limit, sign) for sign in row.signs}
     return Limits(departures=departures, choices=choices)
 
 
-def _departure(row: Row, told: Any) -> float:
+def _departure(row: Row, told: Any, sign: int) -> float:
     sides = ("below", "above")
     if not isinstance(told, dict) or not {"base", *sides} <= told.keys():
         raise refusal(f"limit of {row.name}", "must have a base and two sides", told, _ADVICE)
@@ -66,7 +76,8 @@ def _departure(row: Row, told: Any) -> float:
     if not all(isinstance(number, int | float) for number in (told["base"], *known)):
         raise refusal(f"limit of {row.name}", "must be numbers", told, _ADVICE)
     base = float(told["base"])
-    least = max((row.apart(base, float(side)) for side in known), default=float("inf"))
+    side = told["below" if (sign < 0) != (row.scale == "inverse") else "above"]
+    least = float("inf") if side is None else row.apart(base, float(side))
     # No noise hides what acts on a map that is there: as weak as its page has it, and no weaker.
     return max(least, row.low) if row.kind == "post" else least
 

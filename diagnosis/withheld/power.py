@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from diagnosis.withheld.case import Case, lot, seed
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.figure import figure
+from diagnosis.withheld.limits import Limits
 from diagnosis.withheld.nominal import Nominal
 
 EFFECTS = (
@@ -26,12 +27,12 @@ LEVELS = 6
 _WEAKEST, _STRONGEST = 0.25, 8.0  # Times the detection limit.
 
 
-def levels(camera: Nominal, limits: Mapping[str, float]) -> dict[str, list[float]]:
+def levels(camera: Nominal, limits: Limits) -> dict[str, list[float]]:
     """Departures that effects are asked at: as many below their detection limit as above, or more.
 
     Args:
         camera: Gives the neutrals and the room there is.
-        limits: Least departure that is found, by effect; else the table's low end.
+        limits: Of what is found; of two sides the one where it is found later counts.
 
     Returns:
         By effect, departures in geometric steps; none of an effect that this camera cannot show.
@@ -39,16 +40,17 @@ def levels(camera: Nominal, limits: Mapping[str, float]) -> dict[str, list[float
     found = {}
     for name in EFFECTS:
         row = ROWS[name]
-        limit = limits.get(name, row.low)
-        most = min(_STRONGEST * limit, max(row.reach(camera, sign) for sign in row.signs))
-        if row.acts(camera) and most >= limit:
+        sides = limits.sides(row, camera)
+        if row.acts(camera) and sides:
+            limit = max(limits.least(row, sign) for sign in sides)
+            most = min(_STRONGEST * limit, max(row.reach(camera, sign) for sign in sides))
             found[name] = [float(at) for at in np.geomspace(_WEAKEST * limit, most, LEVELS)]
     return found
 
 
 def draw(
     camera: Nominal,
-    limits: Mapping[str, float],
+    limits: Limits,
     sets: int,
     *,
     each: int | None = None,
@@ -78,7 +80,9 @@ def draw(
         row = ROWS[name]
         for level, departure in enumerate(departures):
             for number in range(count):
-                sign = int(rng.choice(row.sides(camera, departure)))
+                able = limits.sides(row, camera)
+                sides = [sign for sign in able if row.reach(camera, sign) >= departure]
+                sign = int(rng.choice(sides))
                 settings = {name: row.value(camera, departure, sign)}
                 dealt[(number + level) % sets].append(settings)
     drawn = []

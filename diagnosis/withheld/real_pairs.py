@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from diagnosis.withheld import capture_files, inject, limits, lock, nominal, programs
+from diagnosis.withheld import capture_files, inject, limits, lock, nominal, programs, seal
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.errors import WithheldError, refusal
@@ -90,18 +90,24 @@ class RealPairs:
         """Write the camera and the pairs without effects, if they are not there.
 
         Raises:
-            WithheldError: if there are too few scenes, or one is damaged or lacks an infrared pair.
+            WithheldError: if there are too few scenes, one is damaged or lacks an infrared pair, or
+                what is there is of other captures, another sensor or code.
         """
-        if not self._nominal.exists():
+        of = {"captures": self.captures, "sensor": Path(self.believed)}
+        there = self.against.exists()
+        seal.made(self.folder, {name: seal.content(path) for name, path in of.items()}, there=there)
+        if not there:
+            shutil.rmtree(self._nominal.parent, ignore_errors=True)
             programs.camera(self._nominal.parent, self.captures, self.believed)
-        if not self.against.exists():
             part = self.folder / ".part"
             shutil.rmtree(part, ignore_errors=True)
             self._write({}, _WITHOUT, part)
             part.rename(self.against)
 
     def limits(self) -> Limits:
-        """Tell what is found of effects in these scenes, of which no case may be then.
+        """Tell what is found of effects in these scenes.
+
+        No case may be of this set then. Single scenes of it may be in others, as captures are few.
 
         Raises:
             WithheldError: as `prepare`, or if the diagnosis fails or another run works here.

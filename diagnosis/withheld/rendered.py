@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from diagnosis.withheld import device, limits, nominal, programs, shoot
+from diagnosis.withheld import device, limits, nominal, programs, seal, shoot
 from diagnosis.withheld.case import Case
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.limits import Limits
@@ -67,11 +67,14 @@ class Rendered:
         """Make the light, if it is not there.
 
         Raises:
-            WithheldError: if a renderer fails.
+            WithheldError: if a renderer fails, or light that is there is of other scenes or code.
         """
-        if not self._starlings.exists():
-            names = self.tier.names(self.number)
-            programs.light(self._starlings, names, self.tier.width, self.tier.height)
+        names, size = self.tier.names(self.number), (self.tier.width, self.tier.height)
+        of = {"by": self.tier.source, "scenes": names, "size": size}
+        there = self._starlings.exists()
+        seal.made(self.folder, of, there=there)
+        if not there:
+            programs.light(self._starlings, names, *size)
         if self._starlings != self.light:
             programs.cycles(self._starlings, self.light, self.blender)
 

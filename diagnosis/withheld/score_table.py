@@ -88,9 +88,10 @@ def opening(opened: int, *, code_as_sealed: bool) -> str:
 
 def _goals(scores: Mapping[str, Any]) -> list[str]:
     rows = [["score", "reached", "95 %", "asked", ""]]
-    told = {key: words for key, words in _WORDS.items() if scores[key] is not None}
+    asked = scores["goals"]
+    told = {key: words for key, words in _WORDS.items() if scores[key] is not None or key in asked}
     for key, words in told.items():
-        goal = scores["goals"].get(key)
+        goal = asked.get(key)
         ends = scores["intervals"].get(key)
         rows.append(
             [

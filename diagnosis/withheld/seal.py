@@ -10,6 +10,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from diagnosis.withheld import case
 from diagnosis.withheld.case import Case
@@ -20,6 +21,8 @@ FAMILIES = "families.json"
 ASKED = "asked.json"
 CODE = "code"
 SEAL = "truth.sha256"
+WORKED = "worked"  # Fingerprints of the code after each run of programs.
+MADE = "made.json"  # Of what and by which code a source's folder is made.
 
 _ROOT = Path(__file__).parents[2]
 _PACKAGES = ("calibration", "diagnosis", "learning", "patterns", "sim")
@@ -89,16 +92,47 @@ def verify(told: Mapping[str, bytes], hidden: Path, public: Path) -> tuple[Case,
 
 
 def is_of_this_code(public: Path) -> bool:
-    """Whether what runs now is what was sealed.
+    """Whether what runs now, and what ran before, is what was sealed.
 
     Raises:
         WithheldError: if there is no seal.
     """
-    return _sealed(public).get(CODE) == code()
+    path = public / WORKED
+    ran = path.read_text(encoding="ascii").split() if path.exists() else []
+    return {code(), *ran} == {_sealed(public).get(CODE)}
+
+
+def worked(public: Path) -> None:
+    """Note the code after programs ran: one that was changed meanwhile leaves verdicts."""
+    with (public / WORKED).open("a", encoding="ascii") as file:
+        file.write(f"{code()}\n")
+
+
+def made(folder: Path, of: Mapping[str, Any], *, there: bool) -> None:
+    """Note of what a folder's content is made, and by which code, before it is.
+
+    Args:
+        folder: Made where there is none.
+        of: What can be written as JSON.
+        there: Whether the content is made already.
+
+    Raises:
+        WithheldError: if it was made of something else, or by another code.
+    """
+    content = json.dumps({**of, CODE: code()}, indent=1).encode()
+    path = folder / MADE
+    if there and (not path.exists() or path.read_bytes() != content):
+        rule = f"must be made of what {path} has"
+        raise refusal("folder", rule, _start(content), "Ask the same of it, or give another.")
+    folder.mkdir(parents=True, exist_ok=True)
+    _write(path, content)
 
 
 def code() -> str:
-    """SHA-256 of all that cases, verdicts and scores follow from, in hexadecimal digits."""
+    """SHA-256 of all that is this project's and that cases, verdicts and scores follow from.
+
+    Interpreter, libraries and Blender are not in it.
+    """
     found = hashlib.sha256()
     for package in _PACKAGES:
         paths = (path for path in (_ROOT / package).rglob("*") if path.suffix in _SUFFIXES)
@@ -138,6 +172,15 @@ def families(content: bytes) -> dict[str, str]:
 def digest(content: bytes) -> str:
     """SHA-256 in hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()
+
+
+def content(path: Path) -> str:
+    """SHA-256 of a file or of all files of a folder; of what is neither, a preset, the name."""
+    if path.is_file():
+        return digest(path.read_bytes())
+    files = sorted(one for one in path.rglob("*") if one.is_file())
+    each = [f"{digest(one.read_bytes())}  {one.relative_to(path)}\n" for one in files]
+    return digest("".join(each).encode()) if files else path.name
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -212,7 +212,7 @@ def test_a_folder_is_of_what_was_asked_and_of_one_run_at_a_time(done, monkeypatc
         one.diagnosed(cases)
     sealed = (one.place / seal.SEAL).read_bytes()
     (one.place / seal.SEAL).unlink()
-    with pytest.raises(WithheldError, match="verdicts must come after the seal"):
+    with pytest.raises(WithheldError, match="captures and verdicts must come after the seal"):
         one.prepared()
     (one.place / seal.SEAL).write_bytes(sealed)
     lost.write_text(before)
@@ -223,7 +223,8 @@ def test_without_infrared_depth_alone_is_diagnosed(done, tmp_path):
     few = dataclasses.replace(SMALL, sets=1, counts={"null": 1}, left_out=0)
     bare = Check(out=tmp_path, tier=few, blender=Path("none"), jobs=1, infrared=False)
     (tmp_path / "set-0").mkdir()
-    (tmp_path / "set-0" / "light").symlink_to(one.sets[0].source.light)
+    for name in ("light", seal.MADE):
+        (tmp_path / "set-0" / name).symlink_to(one.sets[0].folder / name)
     cases = bare.prepared()
     bare.diagnosed(cases)
     assert bare.scored(cases)["false_alarm"] == 0
@@ -236,7 +237,8 @@ def test_another_matcher_is_noticed_and_is_no_alarm_of_the_image(done, tmp_path)
     other = dataclasses.replace(SMALL, **asked, measured=1)
     run = Check(out=tmp_path, tier=other, blender=Path("none"), jobs=1)
     (tmp_path / "set-0").mkdir()
-    (tmp_path / "set-0" / "light").symlink_to(one.sets[0].source.light)
+    for name in ("light", seal.MADE):
+        (tmp_path / "set-0" / name).symlink_to(one.sets[0].folder / name)
     cases = run.prepared()
     run.diagnosed(cases)
     scores = run.scored(cases)
@@ -264,12 +266,14 @@ def test_effects_in_real_pairs_are_diagnosed_against_the_pairs(done, tmp_path):
     real = Check(out=tmp_path / "run", tier=pairs, blender=Path("none"), jobs=1, **asked)
     cases = real.prepared()
     singles = [(*each.settings.items(),) for each in cases if each.kind == "single"]
-    found = limits.read(tmp_path / "run" / "set-1" / "limits.json").departures
-    assert {*TRIED} > {name for ((name, _),) in singles} and found.keys() < {*TRIED}
+    found = limits.read(tmp_path / "run" / "set-1" / "limits.json")
+    assert {*TRIED} > {name for ((name, _),) in singles}
+    assert {name for name, _ in found.departures} < {*TRIED}
     for ((name, value),) in singles:
         row = catalogue.ROWS[name]
-        apart = row.apart(row.neutral_of(real.sets[0].source.camera), value)
-        assert apart >= found[name] * (1 - 1e-9) > 0
+        neutral = row.neutral_of(real.sets[0].source.camera)
+        least = found.least(row, 1 if value > neutral else -1)
+        assert row.apart(neutral, value) >= least * (1 - 1e-9) > 0
     moved = (tmp_path / "real").rename(tmp_path / "moved")
     real = dataclasses.replace(real, captures=moved)
     assert real.prepared() == cases
@@ -279,7 +283,7 @@ def test_effects_in_real_pairs_are_diagnosed_against_the_pairs(done, tmp_path):
     assert scores["top1"] >= 0.5
     path = next(moved.rglob("ir_left.png"))
     path.write_bytes(path.read_bytes() + b"0")
-    with pytest.raises(WithheldError, match=r"asked\.json must be what"):
+    with pytest.raises(WithheldError, match="folder must be made of what"):
         real.prepared()
 
 

@@ -189,7 +189,7 @@ def test_no_gap_is_a_verdict():
     assert "No gap found" in text and "No effect is accepted here." in text
     assert "None gains anything." in text
     assert "It had no say in what is named." in text
-    assert "was not judged: no effect is named" in text
+    assert "was not judged: no effect was accepted" in text
     assert "is not separable" not in text.split("How this was made")[0]
     assert "what is left here" not in text
     assert "would have been noticed" not in text

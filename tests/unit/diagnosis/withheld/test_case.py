@@ -87,7 +87,9 @@ def test_the_lot(camera: Nominal) -> None:
 
 
 def test_strengths_are_log_uniform_from_the_limit(camera: Nominal) -> None:
-    limit = Limits(departures={"vertical_offset": 0.3}, choices={})
+    limit = Limits(
+        departures={("vertical_offset", 1): 0.3, ("vertical_offset", -1): 0.3}, choices={}
+    )
     others = [row.name for row in ROWS.values() if row.name != "vertical_offset"]
     drawn = draw(camera, {"single": 800}, limits=limit, leave_out=others, entropy=1)
     values = np.array([each.settings["vertical_offset"] for each in drawn])
@@ -96,6 +98,21 @@ def test_strengths_are_log_uniform_from_the_limit(camera: Nominal) -> None:
     assert place.min() > 0 and place.max() < 1
     assert np.mean(place) == pytest.approx(0.5, abs=0.04)
     assert np.var(place) == pytest.approx(1 / 12, rel=0.12)
+
+
+def test_each_side_is_drawn_from_its_own_limit(camera: Nominal) -> None:
+    """What is never found to one side is not drawn there, nor limits the other."""
+    others = [row.name for row in ROWS.values() if row.name != "vertical_offset"]
+
+    def drawn(above: float, below: float) -> np.ndarray:
+        found = {("vertical_offset", 1): above, ("vertical_offset", -1): below}
+        limit = Limits(departures=found, choices={})
+        lot = draw(camera, {"single": 300}, limits=limit, leave_out=others, entropy=1)
+        return np.array([each.settings["vertical_offset"] for each in lot])
+
+    values = drawn(1.0, 0.2)
+    assert 1.0 <= values[values > 0].min() < 1.02 and -0.22 < values[values < 0].max() <= -0.2
+    assert drawn(0.2, math.inf).min() > 0
 
 
 def test_choices_that_are_not_found_are_not_drawn(camera: Nominal) -> None:
@@ -113,7 +130,7 @@ def test_what_does_more_the_smaller_it_is_is_drawn_from_its_limit_down(camera: N
     """At a limit of 8 px there are no wider jumps."""
     row = ROWS["edge_jump"]
     assert row.departure(camera, 8.0) == 1 / 8 and row.departure(camera, 0.0) == 0
-    limit = Limits(departures={"edge_jump": 1 / 8}, choices={})
+    limit = Limits(departures={("edge_jump", 1): 1 / 8}, choices={})
     others = [row.name for row in ROWS.values() if row.name != "edge_jump"]
     drawn = draw(
         camera, {"single": 200}, limits=limit, kinds=("post",), leave_out=others, entropy=1
@@ -220,8 +237,28 @@ def test_another_code_is_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     seal.seal((), TOLD, tmp_path / "hidden", tmp_path / "public")
     (tmp_path / "sim" / "weights.bin").touch()
     assert seal.is_of_this_code(tmp_path / "public")
+    seal.worked(tmp_path / "public")
+    assert seal.is_of_this_code(tmp_path / "public")
     (tmp_path / "sim" / "b.toml").write_text("3")
     assert not seal.is_of_this_code(tmp_path / "public")
+    seal.worked(tmp_path / "public")  # Verdicts of it may lie there, whatever comes back.
+    (tmp_path / "sim" / "b.toml").write_text("2")
+    assert not seal.is_of_this_code(tmp_path / "public")
+
+
+def test_what_was_made_of_something_else_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seal.made(tmp_path / "set-0", {"scenes": ["b"]}, there=False)
+    seal.made(tmp_path / "set-0", {"scenes": ["a"]}, there=False)  # The first came to nothing.
+    seal.made(tmp_path / "set-0", {"scenes": ["a"]}, there=True)
+    with pytest.raises(WithheldError, match=r'folder must be made of what .*made\.json.*"b"'):
+        seal.made(tmp_path / "set-0", {"scenes": ["b"]}, there=True)
+    monkeypatch.setattr(seal, "code", lambda: "another")
+    with pytest.raises(WithheldError, match="folder must be made of what"):
+        seal.made(tmp_path / "set-0", {"scenes": ["a"]}, there=True)
+    with pytest.raises(WithheldError, match="folder must be made of what"):
+        seal.made(tmp_path / "set-1", {"scenes": ["a"]}, there=True)
 
 
 def test_broken_seals(tmp_path: Path, camera: Nominal) -> None:

@@ -13,9 +13,7 @@ from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.errors import WithheldError
 
 
-def test_a_limit_is_to_the_side_that_is_found_later(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_side_has_its_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Effects unknown here have none; what is never found is infinitely far."""
     told = {
         "gamma": {"base": 1, "below": 0.9, "above": 1.3},
@@ -28,10 +26,12 @@ def test_a_limit_is_to_the_side_that_is_found_later(
     _told(told, tmp_path, monkeypatch)
     found = limits.read()
     assert found.departures == {
-        "gamma": pytest.approx(0.3),
-        "veil": float("inf"),
-        "edge_jump": 0.25,
-        "pixel_locking": 0.02,
+        ("gamma", 1): pytest.approx(0.3),
+        ("gamma", -1): pytest.approx(1 / 9),
+        ("veil", 1): float("inf"),
+        ("edge_jump", 1): 0.25,
+        ("pixel_locking", 1): 0.02,
+        ("pixel_locking", -1): 0.02,
     }
     assert found.choices == {}
 
@@ -54,12 +54,19 @@ def test_a_limit_is_a_departure_from_the_camera_that_it_was_made_with(
 ) -> None:
     """Of another camera with more blur of its own it is the same departure."""
     _told({"lens_blur": {"base": 0.6, "below": 0.5, "above": 0.72}}, tmp_path, monkeypatch)
-    assert limits.read().departures == {"lens_blur": pytest.approx(0.12)}
+    assert limits.read().departures == {
+        ("lens_blur", 1): pytest.approx(0.12),
+        ("lens_blur", -1): pytest.approx(0.1),
+    }
 
 
 def test_the_shipped_file_knows_the_table() -> None:
     found = limits.read()
-    assert {"gamma", "lens_blur", "read_noise"} <= found.departures.keys() <= ROWS.keys()
+    assert (
+        {"gamma", "lens_blur", "read_noise"}
+        <= {name for name, _ in found.departures}
+        <= ROWS.keys()
+    )
     assert all(departure > 0 for departure in found.departures.values())
 
 

@@ -12,11 +12,17 @@ from hypothesis import strategies as st
 
 from diagnosis.withheld.catalogue import ROWS
 from diagnosis.withheld.errors import WithheldError
+from diagnosis.withheld.limits import Limits
 from diagnosis.withheld.nominal import Nominal
 from diagnosis.withheld.power import LEVELS, curves, draw, levels
 
 Make = Callable[..., Any]
-LIMITS = {"lens_blur": 0.3, "read_noise": 4.0, "dropped_dots": float("inf")}
+FOUND = {"lens_blur": 0.3, "read_noise": 4.0, "dropped_dots": float("inf")}
+LIMITS = Limits(departures={(name, 1): found for name, found in FOUND.items()}, choices={})
+NOTHING = Limits(
+    departures={(row.name, sign): float("inf") for row in ROWS.values() for sign in row.signs},
+    choices={},
+)
 
 
 def test_levels_go_from_below_the_limit_to_the_end(camera: Nominal) -> None:
@@ -56,11 +62,11 @@ def test_one_in_each_set_and_another_lot_every_time(camera: Nominal) -> None:
 @pytest.mark.parametrize(
     "limits, each, words",
     [
-        ({}, 0, "cases must be >= 1; got 0"),
-        (dict.fromkeys(ROWS, float("inf")), 1, "power must have effects that can be found"),
+        (LIMITS, 0, "cases must be >= 1; got 0"),
+        (NOTHING, 1, "power must have effects that can be found"),
     ],
 )
-def test_refused_lots(camera: Nominal, limits: dict[str, float], each: int, words: str) -> None:
+def test_refused_lots(camera: Nominal, limits: Limits, each: int, words: str) -> None:
     with pytest.raises(WithheldError, match=words):
         draw(camera, limits, 2, each=each)
 

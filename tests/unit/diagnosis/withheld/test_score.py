@@ -232,6 +232,26 @@ def test_bootstrap_agrees_with_the_binomial() -> None:
     np.testing.assert_allclose(ends, (0.25 - half, 0.25 + half), atol=0.015)
 
 
+def test_few_cases_that_agree_are_not_sure() -> None:
+    """Law: a share of 0.025^(1 / n) makes n of n right once in 40 times."""
+    ends = Figure(values=(1.0,) * 20, scenes=(0, 1, 2, 3) * 5, share=True).interval(range(4))
+    assert ends == (pytest.approx(0.025 ** (1 / 20)), 1.0)
+
+
+@pytest.mark.parametrize(("right", "cases"), [(0.93, 96), (0.93, 24), (0.05, 20), (0.6, 24)])
+def test_intervals_of_few_sets_cover_what_they_say(right: float, cases: int) -> None:
+    """Plain percentiles of six sets cover 0.74 to 0.89."""
+    rng = np.random.default_rng(0)
+    scenes = tuple(np.arange(cases) % 6)
+    covered = []
+    for _ in range(100):
+        values = tuple((rng.random(cases) < right).astype(float))
+        ends = Figure(values=values, scenes=scenes, share=True).interval(range(6))
+        assert ends is not None
+        covered.append(ends[0] <= right <= ends[1])
+    assert np.mean(covered) >= 0.93
+
+
 def test_bootstrap_of_scores(effect: Make, say: Make, answer: Make, camera: Nominal) -> None:
     blur = {"lens_blur": 0.8}
     right, wrong = say("effects", effect("lens_blur", 0.8)), say("effects", effect("gain"))

@@ -25,9 +25,17 @@ def test_text_of_scores(effect: Make, say: Make, answer: Make, camera: Nominal) 
     lines = written.splitlines()
     assert lines[0] == "Withheld effects, tier 1: 1 null, 6 single, 0 pair, 1 unknown; 16 s"
     by_words = {line.split("  ")[0]: line.split() for line in lines}
-    assert by_words["one effect: named first"][-6:] == ["0.667", "to", "1", ">=", "0.90", "MISSED"]
+    assert by_words["one effect: named first"][-6:] == [
+        "0.359",
+        "to",
+        "1",
+        ">=",
+        "0.90",
+        "MISSED",
+    ]
     assert by_words["no effect: a gap alarmed of"][-3:] == ["<=", "0.05", "reached"]
-    assert "two effects: both in sets" not in by_words  # No case tells.
+    assert by_words["two effects: both in sets"][-5:] == ["-", ">=", "0.75", "not", "told"]
+    assert "two effects: both named" not in by_words  # No case tells, and nothing is asked.
     assert by_words["lens_blur"] == ["lens_blur", "6", "0.833", "0.833", "0", "90"]
     assert by_words["cosine"] == ["cosine", "0.833"]
     assert "lens_blur: lens_blur 5, dot_blur 1" in lines
