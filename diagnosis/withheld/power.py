@@ -78,10 +78,10 @@ def draw(
     dealt: list[list[dict[str, float]]] = [[] for _ in range(sets)]
     for name, departures in asked.items():
         row = ROWS[name]
+        able = limits.sides(row, camera)
         for level, departure in enumerate(departures):
+            sides = [sign for sign in able if row.reach(camera, sign) >= departure]
             for number in range(count):
-                able = limits.sides(row, camera)
-                sides = [sign for sign in able if row.reach(camera, sign) >= departure]
                 sign = int(rng.choice(sides))
                 settings = {name: row.value(camera, departure, sign)}
                 dealt[(number + level) % sets].append(settings)

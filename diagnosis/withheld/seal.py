@@ -119,13 +119,13 @@ def made(folder: Path, of: Mapping[str, Any], *, there: bool) -> None:
     Raises:
         WithheldError: if it was made of something else, or by another code.
     """
-    content = json.dumps({**of, CODE: code()}, indent=1).encode()
+    told = json.dumps({**of, CODE: code()}, indent=1).encode()
     path = folder / MADE
-    if there and (not path.exists() or path.read_bytes() != content):
+    if there and (not path.exists() or path.read_bytes() != told):
         rule = f"must be made of what {path} has"
-        raise refusal("folder", rule, _start(content), "Ask the same of it, or give another.")
+        raise refusal("folder", rule, _start(told), "Ask the same of it, or give another.")
     folder.mkdir(parents=True, exist_ok=True)
-    _write(path, content)
+    _write(path, told)
 
 
 def code() -> str:
