@@ -22,9 +22,10 @@ Where a curve alone makes the one with the effect of the one without, that comes
 would take its mean slope for its own, and levels of a captured image may lie beyond the simulated.
 
 Codes are rounded after all that is done to them. That noise is what it was before: so simulated
-images are taken without it, and powers are compared of their whole codes. Images are not rounded
-once more, which would add as much again. A matcher, which takes even places for even, sees whole
-codes: of what is laid onto the captured one's levels, as far as these are known.
+images are taken without it. Images are not rounded once more, which would add as much again: what
+a filter takes of that noise is put back, as the rounding of what is laid on. A matcher, which takes
+even places for even, sees whole codes: of what is laid onto the captured one's levels, as far as
+these are known.
 """
 
 from __future__ import annotations
@@ -75,12 +76,7 @@ class Known:
     @cached_property
     def spectra(self) -> list[_Spectra]:
         """Of each block."""
-        return _block_spectra(self.captured, self.without, self.still, np.rint(self.without))
-
-    @cached_property
-    def rounding(self) -> Image:
-        """What whole codes of the simulated one are off."""
-        return np.rint(self.without) - self.without
+        return _block_spectra(self.captured, self.without, self.still)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,11 +121,10 @@ def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Laid:
         rounding = seen - level  # Comes after the curve, as what whole codes are off.
         level, base, still = (bend.of(one) for one in (level, base, still))
         seen = level + rounding
-        spectra = _block_spectra(seen, base, still, base + known.rounding)
+        spectra = _block_spectra(seen, base, still)
     blocks = _blocks(seen.shape)
-    rounded = np.rint(other)
     told = [
-        _told(of, *(_spectra(one[block.window]) for one in (other, changed.still, rounded)))
+        _told(of, *(_spectra(one[block.window]) for one in (other, changed.still)))
         for block, of in zip(blocks, spectra or known.spectra, strict=True)
     ]
     more, again, quieter = _powers(told)
@@ -145,8 +140,11 @@ def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Laid:
     of_noise = other - same - curve.step(same) - of_scene
     added = of_scene + cv2.filter2D(of_noise, -1, _kernel(more))
     image = filtered + curve.step(filtered) + added
-    image += cv2.filter2D(known.rounding, -1, _kernel(again))
-    codes = np.rint(within + curve.step(within) + added)
+    exact = within + curve.step(within) + added
+    codes = np.rint(exact)
+    off = codes - exact
+    like = 12 * float(((filtered - within) * off).mean())  # What is left of rounding is of it.
+    image += cv2.filter2D(off, -1, _kernel(np.hypot(again, like) - like))
     return Laid(*(np.clip(one, 0, ceiling).astype(np.float32) for one in (image, codes)))
 
 
@@ -257,40 +255,36 @@ class _Spectra:
     captured: Image  # Power of the captured block,
     scene: Image  # of the still one,
     drawn: Image  # of noise and speckle,
-    rounded: Image  # of these with what rounding adds,
-    share: Image  # what of that the captured one has,
+    share: Image  # what of these, rounded, the captured one has,
     quiet: Image  # and what of its power is no scene.
 
 
-def _block_spectra(captured: Image, base: Image, still: Image, codes: Image) -> list[_Spectra]:
+def _block_spectra(captured: Image, base: Image, still: Image) -> list[_Spectra]:
     return [
-        _of_block(*(one[block.window] for one in (captured, base, still, codes)))
+        _of_block(*(one[block.window] for one in (captured, base, still)))
         for block in _blocks(captured.shape)
     ]
 
 
-def _of_block(captured: Image, base: Image, still: Image, codes: Image) -> _Spectra:
+def _of_block(captured: Image, base: Image, still: Image) -> _Spectra:
     of_still = _spectra(still)
     noise = _spectra(base) - of_still
-    power, scene = _own(_spectra(captured)), _own(of_still)
-    rounded = np.clip(_own(_spectra(codes)) - scene, _LITTLE, None)
-    share = np.clip(_by_band(power) / _by_band(rounded), 0.0, 1.0)[_BAND].reshape(scene.shape)
-    quiet = np.minimum(power, share * rounded)
-    return _Spectra(noise, of_still, power, scene, _own(noise), rounded, share, quiet)
+    power, drawn = _own(_spectra(captured)), _own(noise)
+    share = np.clip(_per_band(power) / (_per_band(drawn) + _ROUNDING), 0.0, 1.0)
+    quiet = np.minimum(_per_band(power), drawn + _ROUNDING)
+    return _Spectra(noise, of_still, power, _own(of_still), drawn, share, quiet)
 
 
-def _told(of: _Spectra, other: Spectrum, moved: Spectrum, codes: Spectrum) -> _Told:
+def _told(of: _Spectra, other: Spectrum, moved: Spectrum) -> _Told:
     """What one block tells.
 
     Args:
         of: without the effect.
         other: simulated with it,
-        moved: without noise and speckle too,
-        codes: and the first rounded.
+        moved: and without noise and speckle too.
     """
     still, noise, scene = of.still, of.noise, of.scene
     moved_scene = _own(moved)
-    since = np.clip(_own(codes) - moved_scene, 0.0, None)
     of_noise = ((noise.conj() * (other - moved)).mean(0) + _ROUNDING) / (of.drawn + _ROUNDING)
     together = (still.conj() * moved).mean(0)
     alone = np.clip(moved_scene - np.abs(together) ** 2 / (scene + _LITTLE), 0.0, None)
@@ -298,12 +292,12 @@ def _told(of: _Spectra, other: Spectrum, moved: Spectrum, codes: Spectrum) -> _T
     # Where the scene tells nothing it is filtered as noise is, but for what is added to that.
     of_scene = (together + unsure * of_noise / np.maximum(1.0, np.abs(of_noise))) / (scene + unsure)
     kept = np.abs(of_scene) ** 2
-    added = since - of.rounded
+    added = _own(other - moved) - of.drawn
     added[added < 0] *= of.share[added < 0]  # Noise that is not there cannot be taken.
     return _Told(
         of_scene=of_scene,
         missing=(1 - kept) * of.quiet + added,
-        rounding=np.clip(1 - kept, 0.0, None) * np.minimum(of.quiet, _ROUNDING),
+        rounding=(1 - kept) * np.minimum(of.quiet, _ROUNDING),
         drawn=_own(other - moved - of_scene * noise),
         filtered=kept * of.captured,
     )
@@ -337,6 +331,11 @@ def _by_band(power: Image) -> Image:
     return found / np.bincount(_BAND, minlength=_BANDS)
 
 
+def _per_band(power: Image) -> Image:
+    """Mean over each band, at each of its frequencies."""
+    return _by_band(power)[_BAND].reshape(power.shape)
+
+
 def _own(one: Spectrum) -> Image:
     return np.square(np.abs(one)).mean(0)
 
@@ -356,4 +355,4 @@ def _spectra(image: Image) -> Spectrum:
 
 
 def _power(image: Image) -> float:
-    return float(np.var(image))
+    return float(np.square(image).mean())

@@ -93,7 +93,11 @@ def laid(captured: np.ndarray, of: Simulated) -> np.ndarray:
 
 
 def sharpness(image: np.ndarray) -> float:
-    return float(np.abs(cv2.Laplacian(image.astype(np.float32), cv2.CV_32F)).mean())
+    return float(np.sqrt(fine_power(image)).mean())
+
+
+def fine_power(image: np.ndarray) -> np.ndarray:
+    return cv2.Laplacian(image.astype(np.float32), cv2.CV_32F) ** 2
 
 
 @pytest.mark.parametrize("do", [blurred, lower, smoothed, noisier, brighter])
@@ -202,6 +206,39 @@ def test_a_lens_blurs_texture_that_simulation_lacks_and_no_noise():
     found = laid(captured, simulated(blurred))
     assert sharpness(wanted) < 0.6 * sharpness(captured)
     assert sharpness(found) == pytest.approx(sharpness(wanted), rel=0.05)
+
+
+def test_whole_codes_are_off_as_those_of_what_is_laid_on():
+    """A wall without texture is of one code: it is off by the same everywhere, a textured not."""
+    rng = np.random.default_rng(3)
+    texture = cv2.GaussianBlur(rng.standard_normal(SHAPE), (0, 0), 0.7)
+
+    def wall(contrast: float, blur_px: float, seed: int | None) -> np.ndarray:
+        image = cv2.GaussianBlur(0.2 + scene(0.0) + 3 * contrast * texture, (0, 0), blur_px)
+        if seed is not None:
+            image = image + np.random.default_rng(seed).normal(0, 0.2, SHAPE)
+        return image.astype(np.float32)
+
+    captured, wanted = (np.rint(wall(1.0, px, 5)).astype(np.uint8) for px in (0.05, 1.0))
+    without, still, *changed = (wall(0.0, px, seed) for px in (0.05, 1.0) for seed in (7, None))
+    found = laid(captured, Simulated(without, still, Changed(*changed)))
+    bare = cv2.dilate(wall(0.0, 1.0, None), np.ones((5, 5))) < 30.4
+    assert bare.mean() > 0.05
+    before, after, by_it = (fine_power(image)[bare].mean() for image in (captured, wanted, found))
+    assert after < 0.4 * before
+    assert by_it == pytest.approx(after, rel=0.05)
+
+
+@pytest.mark.parametrize("blur_px", [0.1, 0.2])
+def test_what_hardly_filters_brings_no_noise(blur_px):
+    """What whole codes are off is the captured image's own then, and no other."""
+
+    def hardly(image: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
+        return cv2.GaussianBlur(image, (0, 0), blur_px) + noise(rng)
+
+    captured = taken(1.0, plain, 5)
+    found = laid(captured, simulated(hardly))
+    assert (found - captured).std() < 0.15
 
 
 def test_where_simulation_does_not_differ_nothing_does():
