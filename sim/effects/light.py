@@ -105,6 +105,35 @@ DOT_DEFOCUS = Effect(
     rerender=pattern.RERENDER,
 )
 
+HAZE = Effect(
+    name="projector_haze",
+    family="projector_haze",
+    stage=Stage.LIGHT,
+    parameters=(
+        Parameter(
+            name="share",
+            paths=("projector.haze",),
+            unit="1",
+            neutral=0.0,
+            low=0.02,
+            high=0.6,
+        ),
+    ),
+    imitates="A diffractive element, a lens or a window that scatters: light between the dots.",
+    law="E = (1 - share) E_dots + share times E_dots' mean over the projector's field.",
+    shows=(
+        "Infrared: light between the dots that falls off with distance as they do, as ambient "
+        "light does not: near dots stand out less. 0.6: half of the dots' contrast; noise 0.093 "
+        "to 0.098 px, holes 3.7 to 3.9 %."
+    ),
+    confused_with=("veil", "ambient", "projector_power", "dot_blur", "subsurface"),
+    source=(
+        "between the dots of a real D415 lie 0.2 to 0.5 of its mean light (projector on less off, "
+        "docs/figures.md), some of which other surfaces send"
+    ),
+    rerender=pattern.RERENDER,
+)
+
 FALLOFF = Effect(
     name="projector_falloff",
     family="projector_falloff",
@@ -304,6 +333,7 @@ ROWS: tuple[Effect, ...] = (
     POWER,
     DOT_BLUR,
     DOT_DEFOCUS,
+    HAZE,
     FALLOFF,
     POSITION,
     ROTATION,

@@ -35,6 +35,7 @@ class Projector:
     # quarter of the width of a uniform aperture [mm]. Surfaces within 0.1 m count as at 0.1 m.
     defocus_mrad_m: float = 0.0
     focus_m: float = 1.0  # Distance in focus, along the axis [m].
+    haze: float = 0.0  # Share of the light that goes between the dots, evenly over the field.
     falloff: float = 0.0  # Exponent n of cos^n about the projector's axis; 0 is none.
     speckle_contrast: float = 0.0  # Deviation over mean of the laser's speckle in a pixel.
     flicker: float = 0.0  # Deviation of the power from frame to frame, of its mean.
@@ -67,6 +68,7 @@ class Projector:
         errors.in_interval("projector.dot_blur_mrad", self.dot_blur_mrad, 0.0, 50.0)
         errors.in_interval("projector.defocus_mrad_m", self.defocus_mrad_m, 0.0, 5.0)
         errors.in_interval("projector.focus_m", self.focus_m, 0.1, 1e4, "Give the distance [m].")
+        errors.in_interval("projector.haze", self.haze, 0.0, 1.0, "1 is no dots at all.")
         errors.in_interval("projector.falloff", self.falloff, 0.0, 20.0)
         errors.in_interval(
             "projector.speckle_contrast", self.speckle_contrast, 0.0, 1.0, "1 is one laser mode."

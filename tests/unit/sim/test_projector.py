@@ -65,6 +65,18 @@ def test_dot_density_goes_into_a_lattices_pitch(name):
     assert len(sparse.dots) / len(own.dots) == pytest.approx(0.5, rel=0.03)
 
 
+@pytest.mark.parametrize("share", [0.3, 1.0])
+def test_haze_takes_light_from_the_dots_and_spreads_it_evenly(share):
+    """Also of a pattern with dark dots, whose light is lost; what lies between them stays."""
+    intact = Projector(pattern="d435")
+    worn = dataclasses.replace(intact, dropped_dots=0.5)
+    mean = projector.irradiance_at_unit_distance(intact).mean()
+    for one in (intact, worn):
+        dots = projector.irradiance_at_unit_distance(one)
+        hazy = projector.irradiance_at_unit_distance(dataclasses.replace(one, haze=share))
+        np.testing.assert_allclose(hazy, (1 - share) * dots + share * mean, rtol=1e-4)
+
+
 def test_falloff_takes_light_from_the_edge_only():
     even = Projector()
     dimmed = dataclasses.replace(even, falloff=3.0)
@@ -161,6 +173,7 @@ def test_dots_of_an_image_cannot_be_dropped(tmp_path):
         ("dot_blur_mrad", 51.0),
         ("defocus_mrad_m", 6.0),
         ("focus_m", 0.05),
+        ("haze", 1.1),
         ("falloff", 21.0),
         ("speckle_contrast", 1.1),
         ("flicker", 0.6),
