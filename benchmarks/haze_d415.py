@@ -13,6 +13,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from sim import capture
+
 THINGS = {4: "can", 11: "cube", 12: "sharpener", 13: "bottle", 17: "table"}
 INSIDE_PX = 9  # Away from a thing's edges.
 NOISE_PX = 0.8  # Sigma that takes noise, not dots.
@@ -20,13 +22,11 @@ NOISE_PX = 0.8  # Sigma that takes noise, not dots.
 
 def main() -> None:
     """Print what is between the dots."""
-    scene = Path(os.environ["STARLING_CAPTURES"]) / "d415-table" / "table"
-    on, off = (
-        np.asarray(cv2.imread(str(scene / "0" / name), cv2.IMREAD_UNCHANGED), np.float32)
-        for name in ("ir_left.png", "ir_left_off.png")
-    )
+    (scene,) = capture.open_set(Path(os.environ["STARLING_CAPTURES"]) / "d415-table").scenes
+    read = scene.frame(0)
+    on, off = (np.asarray(one, np.float32) for one in (read.ir_left, read.ir_left_off))
     light = cv2.GaussianBlur(on - off, (0, 0), NOISE_PX)
-    labels = cv2.imread(str(scene / "label.png"), cv2.IMREAD_UNCHANGED)
+    labels = cv2.imread(str(scene.path / "label.png"), cv2.IMREAD_UNCHANGED)
     for label, name in THINGS.items():
         inside = cv2.erode((labels == label).astype(np.uint8), np.ones((INSIDE_PX, INSIDE_PX))) > 0
         mean, between = light[inside].mean(), np.percentile(light[inside], 20)

@@ -143,7 +143,8 @@ def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Laid:
     exact = within + curve.step(within) + added
     codes = np.rint(exact)
     off = codes - exact
-    like = 12 * float(((filtered - within) * off).mean())  # What is left of rounding is of it.
+    # The captured image's own rounding, where filtered, is still in: how far it is the same noise.
+    like = 12 * float(((filtered - within) * off).mean())
     image += cv2.filter2D(off, -1, _kernel(np.hypot(again, like) - like))
     return Laid(*(np.clip(one, 0, ceiling).astype(np.float32) for one in (image, codes)))
 
