@@ -47,6 +47,7 @@ TABLE = (
     _row("projector.pattern_scale", "scale", "1", 3e-3),
     _row(DOT_BLUR, "dots", "mrad", 1.5),
     _row("projector.power_w", "photometry", "W", 0.1),
+    _row("projector.haze", "photometry", "1", 0.3),
     _row("projector.falloff", "photometry", "1", 2.0),
     _row("scene.ambient.irradiance_w_m2", "photometry", "W m^-2", 1.0),
     _row("left.black_level_dn", "photometry", "DN", 4.0),

@@ -34,6 +34,7 @@ class Levels:
     """Signal of one imager under lights of unit strength [DN above black], each (h, w)."""
 
     laser: Image  # Projector of 1 W.
+    even: Image  # The same, all of its light between its dots.
     ambient: Image  # Ambient light of 1 W m^-2.
     other: Image  # Sun and other projectors, at their own strength.
     lens_log_cos: Image  # log cos of the angle off the imager's axis: d log signal / d vignetting.
@@ -46,13 +47,16 @@ def part(sensor: Sensor, side: Side) -> Imager:
     return sensor.left if side == "left" else sensor.right
 
 
-def expected(view: View, scene: Scene, sensor: Sensor, side: Side, exposure: Exposure) -> Levels:
+def expected(
+    view: View, even: View, scene: Scene, sensor: Sensor, side: Side, exposure: Exposure
+) -> Levels:
     """Take a view's layers through optics and imager, light by light, without noise.
 
     Speckle, flicker, gamma and what is a pixel's own are left out; the mean does not move.
 
     Args:
         view: of one imager, rendered with this sensor's geometry and projector.
+        even: the same with a `haze` of 1.
         scene: it is of; its interreflection counts, the strength of its ambient light does not.
         sensor: whose optics and imager act.
         side: which imager.
@@ -74,6 +78,7 @@ def expected(view: View, scene: Scene, sensor: Sensor, side: Side, exposure: Exp
 
     return Levels(
         laser=signal(apart.laser),
+        even=signal(signals(even, scene, sensor, side).laser),
         ambient=signal(apart.ambient),
         other=signal(apart.other),
         lens_log_cos=np.asarray(-0.5 * np.log1p(Pinhole.of(sensor).tangent_squared()), np.float32),

@@ -14,13 +14,14 @@ from calibration import detail
 from calibration.observation import Observation
 from calibration.photometry import levels, tiles
 from calibration.photometry.levels import Levels, Side, part
-from sim import imager, render
+from sim import imager, render, sensor_edits
 from sim.imager.exposure import Exposure
 from sim.layers import Layers, Mask, View
 from sim.scene import Scene
 from sim.sensor import Sensor
 
 POWER = "projector.power_w"
+HAZE = "projector.haze"
 FALLOFF = "projector.falloff"
 VIGNETTING = "left.lens.vignetting"
 BLUR = "left.lens.blur_px"
@@ -31,7 +32,6 @@ RIGHT_GAIN = "right.gain"
 Array = NDArray[np.float32]
 
 _MATCHING = 0.3  # Least correlation of the image's dots with the model's.
-_MODEL_ERROR = 0.01  # Relative error of the model that no noise accounts for.
 _BLUR_STEP_PX = 0.05
 
 
@@ -45,6 +45,7 @@ class Image:
     level: Array  # (h, w) [DN]
     used: Mask
     view: View
+    even: View  # The same, all of the projector's light between its dots.
     model: Scene
     exposure: Exposure
     exposure_known: bool
@@ -64,21 +65,6 @@ class Columns:
     laser: Array  # The laser's part of it.
     derivatives: tuple[Array, ...]
     variance: tuple[float, float, float]  # Of noise [DN^2]: constant, per signal, per laser^2.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Prediction:
-    """What a fit says one image should be (h, w)."""
-
-    scene: str
-    side: Side
-    on: bool
-    level_dn: Array  # Captured, black level included.
-    signal_dn: Array  # Predicted, above black.
-    laser_dn: Array  # The laser's part of it.
-    residual_dn: Array
-    used: Mask
-    dots: bool  # Whether dots are where they were predicted, so that residuals mean something.
 
 
 Formed = dict[tuple[str, Side, Exposure, float], Levels]
@@ -104,6 +90,7 @@ def start(sensor: Sensor, strengths: Mapping[str, float]) -> dict[str, float]:
     """Where every parameter starts: the sensor's own values, and each scene's ambient light."""
     values = {
         POWER: sensor.projector.power_w,
+        HAZE: sensor.projector.haze,
         FALLOFF: sensor.projector.falloff,
         VIGNETTING: sensor.left.lens.vignetting,
         BLUR: sensor.left.lens.blur_px,
@@ -126,23 +113,26 @@ def images(
 ) -> tuple[Image, ...]:
     """Every image of the observations that have a surface, with its layers."""
     found = []
+    hazy = sensor_edits.with_values(sensor, [(HAZE, 1.0)])
     for observation in observations:
         if observation.scene is None:
             continue
         rendered = layers.get(observation.name)
         if rendered is None:
             rendered = render.layers(observation.stage, sensor)
+        spread = render.layers(observation.stage, hazy)
         recorded = exposures.get(observation.name)
         fixed = Exposure(exposure_s=sensor.left.exposure_s, gain=sensor.left.gain)
         known = recorded is not None or sensor.left.auto_exposure_level == 0
-        taken: tuple[tuple[Side, bool, Array | None, View | None], ...] = (
-            ("left", True, observation.left, rendered.left),
-            ("right", True, observation.right, rendered.right),
-            ("left", False, observation.left_off, rendered.left),
-            ("right", False, observation.right_off, rendered.right),
+        taken: tuple[tuple[Side, bool, Array | None], ...] = (
+            ("left", True, observation.left),
+            ("right", True, observation.right),
+            ("left", False, observation.left_off),
+            ("right", False, observation.right_off),
         )
-        for side, on, level, view in taken:
-            if level is None or view is None:
+        for side, on, level in taken:
+            view, even = (one.left if side == "left" else one.right for one in (rendered, spread))
+            if level is None or view is None or even is None:
                 continue
             exposure = recorded or fixed
             if side == "right":
@@ -156,6 +146,7 @@ def images(
                     level=level,
                     used=_used(level, view, sensor, side),
                     view=view,
+                    even=even,
                     model=observation.scene,
                     exposure=exposure,
                     exposure_known=known,
@@ -216,7 +207,10 @@ def columns(
     shape = _dimmed(at.projector_log_cos, values[FALLOFF] - sensor.projector.falloff)
     power = np.float32(values[POWER] if image.on else 0.0)
     strength = np.float32(values[ambient(image.scene)])
-    unit = np.asarray(lens * shape * at.laser * np.float32(image.on), np.float32)
+    dots, even = _parted(at, sensor.projector.haze)
+    haze = np.float32(values[HAZE])
+    lit = np.asarray(lens * shape * np.float32(image.on), np.float32)
+    unit = np.asarray(lit * ((1 - haze) * dots + haze * even), np.float32)
     laser = np.asarray(power * unit, np.float32)
     model = np.asarray(laser + lens * (strength * at.ambient + at.other), np.float32)
     none = np.zeros_like(model)
@@ -224,6 +218,8 @@ def columns(
     def derivative(name: str) -> NDArray:
         if name == POWER:
             return unit
+        if name == HAZE:
+            return power * lit * (even - dots)
         if name == FALLOFF:
             return laser * at.projector_log_cos
         if name == VIGNETTING:
@@ -238,10 +234,10 @@ def columns(
             return model / np.float32(ratio)
         if name == BLUR:
             wider = _levels(image, values[BLUR] + _BLUR_STEP_PX, sensor, formed)
-            change = power * shape * (wider.laser - at.laser) + strength * (
-                wider.ambient - at.ambient
-            )
-            return lens * change / np.float32(_BLUR_STEP_PX)
+            sharp, _ = _parted(wider, sensor.projector.haze)
+            change = power * lit * (1 - haze) * (sharp - dots)
+            change += lens * strength * (wider.ambient - at.ambient)
+            return change / np.float32(_BLUR_STEP_PX)
         return none
 
     return Columns(
@@ -250,6 +246,14 @@ def columns(
         derivatives=tuple(np.asarray(derivative(name), np.float32) for name in names),
         variance=_variance(image, sensor),
     )
+
+
+def _parted(at: Levels, haze: float) -> tuple[Array, Array]:
+    """The laser's light if it were all in dots, and if it were all between them."""
+    if haze == 1:
+        return at.laser, at.even
+    dots = (at.laser - np.float32(haze) * at.even) / np.float32(1 - haze)
+    return np.asarray(dots, np.float32), at.even
 
 
 def _dimmed(log_cos: Array, exponent: float) -> Array:
@@ -263,7 +267,9 @@ def _levels(image: Image, blur_px: float, sensor: Sensor, formed: Formed) -> Lev
         own = part(sensor, image.side)
         lens = dataclasses.replace(own.lens, blur_px=blur_px)
         seen = dataclasses.replace(sensor, **{image.side: dataclasses.replace(own, lens=lens)})
-        formed[key] = levels.expected(image.view, image.model, seen, image.side, image.exposure)
+        formed[key] = levels.expected(
+            image.view, image.even, image.model, seen, image.side, image.exposure
+        )
     return formed[key]
 
 
@@ -286,70 +292,4 @@ def _variance(image: Image, sensor: Sensor) -> tuple[float, float, float]:
         least_e**2 * step**2 + 1 / 12,
         (one_e**2 - least_e**2) * step,
         sensor.projector.speckle_contrast**2,
-    )
-
-
-def tile_factor(image: Image, signal: Array, model: Array, *, around: int = 0) -> Array:
-    """Ratio of captured to predicted signal, tile by tile (h, w); 1 where nothing counts.
-
-    Args:
-        image: whose pixels count or not.
-        signal: captured, less the black level [DN] (h, w).
-        model: predicted [DN] (h, w).
-        around: tiles on each side that are averaged over too.
-    """
-    shape = (model.shape[0], model.shape[1])
-    grid = (shape[0] // tiles.TILE_PX, shape[1] // tiles.TILE_PX)
-    used = tiles.tiled(image.used)
-    window = (2 * around + 1, 2 * around + 1)
-    seen, expected = (
-        np.asarray(cv2.blur((tiles.tiled(p) * used).sum(axis=1).reshape(grid), window)).ravel()
-        for p in (signal, model)
-    )
-    ratio = np.where(expected > 0, seen / np.maximum(expected, 1e-30), 1.0)
-    return np.nan_to_num(tiles.spread(np.maximum(ratio, 1e-3), shape), nan=1.0)
-
-
-def weight(image: Image, column: Columns, factor: Array | None) -> Array:
-    """One over the variance that noise, speckle and the model's own error have (h, w).
-
-    Args:
-        image: whose pixels count or not.
-        column: its prediction.
-        factor: by which reflectance differs from the given; None is 1.
-    """
-    least, per_signal, per_laser = column.variance
-    signal = column.model if factor is None else column.model * factor
-    laser = column.laser if factor is None else column.laser * factor
-    variance = least + per_signal * np.maximum(signal, 0) + per_laser * laser**2
-    variance += (_MODEL_ERROR * signal) ** 2
-    return np.where(image.used, 1 / variance, 0).astype(np.float32)
-
-
-def predict(
-    image: Image,
-    values: Mapping[str, float],
-    sensor: Sensor,
-    formed: Formed,
-    *,
-    reflectance_free: bool,
-    dots: bool,
-) -> Prediction:
-    """Predict an image; with `reflectance_free`, each tile's factor and gradient are fitted."""
-    column = columns(image, values, sensor, (), formed)
-    signal = image.level - np.float32(values[black_name(image.side)])
-    factor: Array | np.float32 = np.float32(1)
-    if reflectance_free:
-        rough = tile_factor(image, signal, column.model)
-        factor = tiles.fitted_factor(signal, column.model, weight(image, column, rough))
-    return Prediction(
-        scene=image.scene,
-        side=image.side,
-        on=image.on,
-        level_dn=image.level,
-        signal_dn=column.model * factor,
-        laser_dn=column.laser * factor,
-        residual_dn=np.asarray(signal - column.model * factor, np.float32),
-        used=image.used,
-        dots=dots,
     )

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from calibration.observation import Observation
 from calibration.photometry.blocks import BLOCK_PX, blocks, quietest, quietest_by_chance
-from calibration.photometry.light_model import Prediction
 from calibration.photometry.photometry_open import EVEN
 from calibration.photometry.photon_transfer import fit_photon_transfer
+from calibration.photometry.prediction import Prediction
 from calibration.photometry.speckle_contrast import SPECKLE, fit_speckle, speckle_bound
 from calibration.solution import Estimate, Solution
 from sim import sensor_edits

@@ -1,7 +1,8 @@
 """Fit what makes levels: projector power, ambient light, black level, darkening off the axes.
 
-level = b + c V^n (P F^k L + I A + O): black level b, relative reflectance c, lens's and projector's
-cosines V and F, power P, ambient irradiance I, and the layers L, A, O that the geometry gives.
+level = b + c V^n (P F^k ((1 - h) D + h E) + I A + O): black level b, relative reflectance c, lens's
+and projector's cosines V and F, power P, haze h, ambient irradiance I, and the layers D (dots), E
+(the projector's light spread evenly), A, O that the geometry gives.
 Power, exposure time, gain, quantum efficiency and lens transmission are one family: power is
 fitted, the others stay.
 """
@@ -15,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.observation import Observation
-from calibration.photometry import light_model, tiles
+from calibration.photometry import light_model, prediction, tiles, weights
 from calibration.photometry.light_model import (
     BLUR,
     FALLOFF,
+    HAZE,
     LEFT_BLACK,
     POWER,
     RIGHT_BLACK,
@@ -26,11 +28,11 @@ from calibration.photometry.light_model import (
     VIGNETTING,
     Formed,
     Image,
-    Prediction,
     ambient,
     exposure_ratio,
 )
 from calibration.photometry.photometry_open import BLACK_DN, sentences
+from calibration.photometry.prediction import Prediction
 from calibration.solution import Estimate, Solution
 from patterns import errors
 from sim import sensor_edits
@@ -38,7 +40,8 @@ from sim.imager.exposure import Exposure
 from sim.layers import Layers
 from sim.sensor import Sensor
 
-PARAMETERS = (POWER, "scene.ambient.irradiance_w_m2", LEFT_BLACK, VIGNETTING, FALLOFF, BLUR)
+AMBIENT = "scene.ambient.irradiance_w_m2"
+PARAMETERS = (POWER, AMBIENT, LEFT_BLACK, HAZE, VIGNETTING, FALLOFF, BLUR)
 """What `free` may name; the right imager's black level and gain go with the left's black level."""
 
 _ROUNDS = 10
@@ -57,6 +60,7 @@ _LEAST = 1e-6  # Of what is positive.
 _LIMITS = {
     POWER: (_LEAST, 10.0),
     VIGNETTING: (0.0, 20.0),
+    HAZE: (0.0, 0.95),
     FALLOFF: (0.0, 20.0),
     BLUR: (0.0, 20.0),
     RIGHT_GAIN: (1e-3, 1e3),
@@ -180,21 +184,23 @@ def _case(
     for image in images:  # No pixel is darker than black, but for noise.
         name = light_model.black_name(image.side)
         values[name] = min(values[name], image.lowest_dn)
-    names = [name for name in (POWER, LEFT_BLACK, VIGNETTING, FALLOFF, BLUR) if name in free]
+    names = [name for name in (POWER, LEFT_BLACK, HAZE, VIGNETTING, FALLOFF, BLUR) if name in free]
     exposed = all(image.exposure_known for image in images)
     if eliminate or not exposed:
         names = [name for name in names if name != POWER]
     if eliminate:
         names = [name for name in names if name != VIGNETTING]
     if means:
-        names = [name for name in names if name != BLUR]
+        names = [name for name in names if name not in (HAZE, BLUR)]
+    if sensor.projector.haze == 1:  # Where no dots are, nothing stands out.
+        names = [name for name in names if name != HAZE]
     if any(image.side == "right" for image in images):
         names += [RIGHT_BLACK] if LEFT_BLACK in free else []
         names += [] if eliminate else [RIGHT_GAIN]
     pairs = {(image.scene, image.on) for image in images}
     for scene in scenes:
         both = {(scene, True), (scene, False)} <= pairs
-        if PARAMETERS[1] in free and ((scene, True) in pairs or not eliminate):
+        if AMBIENT in free and ((scene, True) in pairs or not eliminate):
             names.append(ambient(scene))
         if not exposed:
             names += [exposure_ratio(scene, on=False)] if both else []
@@ -246,8 +252,12 @@ def _equations(case: _Case, values: Mapping[str, float]) -> tiles.Normal:
         column = light_model.columns(image, values, case.sensor, case.names, case.formed)
         black = values[light_model.black_name(image.side)]
         residual = image.level - np.float32(black)
-        factor = light_model.tile_factor(image, residual, column.model, around=_AROUND)
-        weight = light_model.weight(image, column, factor if case.eliminate else None)
+        factor = weights.tile_factor(image, residual, column.model, around=_AROUND)
+        given = factor if case.eliminate else None
+        weight = weights.weight(image, column, given)
+        if not case.means:
+            misfit = weights.dots_misfit(image, residual, column, weight)
+            weight = weights.weight(image, column, given, misfit=misfit)
         bases = [column.model]
         if case.eliminate and not case.means:
             bases += [column.model * ramp for ramp in tiles.ramps(image.level.shape)]
@@ -297,7 +307,7 @@ def _scatter(case: _Case, values: Mapping[str, float]) -> float:
         column = light_model.columns(image, values, case.sensor, (), case.formed)
         black = values[light_model.black_name(image.side)]
         residual = image.level - np.float32(black)
-        weight = light_model.weight(image, column, None)
+        weight = weights.weight(image, column, None)
         gram = tiles.grams([residual, column.model], weight, means=case.means)
         used = gram[:, 1, 1] > 0
         factor = gram[used, 0, 1] / gram[used, 1, 1]
@@ -311,7 +321,7 @@ def _scatter(case: _Case, values: Mapping[str, float]) -> float:
 
 def _predictions(case: _Case, values: Mapping[str, float]) -> tuple[Prediction, ...]:
     return tuple(
-        light_model.predict(
+        prediction.predict(
             image,
             values,
             case.sensor,
@@ -333,7 +343,7 @@ def _solution(
 ) -> Solution:
     """State values and deviations; what was asked for and not fitted is open."""
     names = [name for name in case.names if not name.startswith("exposure_ratio")]
-    asked = [POWER, LEFT_BLACK, VIGNETTING, FALLOFF, BLUR]
+    asked = [POWER, LEFT_BLACK, HAZE, VIGNETTING, FALLOFF, BLUR]
     held = [name for name in asked if name in free and name not in names]
     rows = [case.names.index(name) for name in names]
     covariance = np.diag(np.full(len(names) + len(held), np.inf))
@@ -377,7 +387,7 @@ def _solution(
 
 def _fitted(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
     """Set what was fitted; both imagers have one lens."""
-    edits = {name: values[name] for name in (POWER, FALLOFF)}
+    edits = {name: values[name] for name in (POWER, HAZE, FALLOFF)}
     edits |= {name.replace("left", "imager"): values[name] for name in (VIGNETTING, BLUR)}
     edits |= {name: max(values[name], 0.0) for name in (LEFT_BLACK, RIGHT_BLACK)}
     edits[RIGHT_GAIN] = values[RIGHT_GAIN]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from calibration.photometry.light_model import (
     BLUR,
     FALLOFF,
+    HAZE,
     LEFT_BLACK,
     POWER,
     RIGHT_BLACK,
@@ -23,7 +24,7 @@ from calibration.solution import Estimate
 _TOGETHER = 0.98  # Correlation from which two parameters are one.
 BLACK_DN = 1.0  # Deviation from which a black level is as good as unknown.
 EVEN = 12**-0.5  # Deviation of what may lie anywhere in a range, over the range.
-_RANGE = {VIGNETTING: 20.0, FALLOFF: 20.0, BLUR: 20.0}  # Highest value; the lowest is 0.
+_RANGE = {VIGNETTING: 20.0, FALLOFF: 20.0, BLUR: 20.0, HAZE: 1.0}  # Highest value; the lowest is 0.
 _BELOW_DN = 1.0  # By which a black level may exceed the darkest pixels'.
 
 
@@ -99,16 +100,20 @@ def _power(images: Sequence[Image], power_w: float, *, eliminate: bool) -> str:
 
 
 def _background(estimates: Sequence[Estimate], images: Sequence[Image]) -> list[str]:
-    """Even light is even light, whose reflectance is free: the projector's, or the room's."""
+    """Even light is even light, whose reflectance is free: the projector's, or the room's.
+
+    Where it is fitted, what tells them apart is how they change with distance.
+    """
     dark = {image.scene for image in images if not image.on}
     told = {estimate.name for estimate in estimates if np.isfinite(estimate.sd)}
+    if HAZE in told:
+        return []
     names = [ambient(scene) for scene in dict.fromkeys(image.scene for image in images if image.on)]
     kept = [n for n in names if n in told and n not in {ambient(scene) for scene in dark}]
     if not kept:
         return []
     return [
-        f"{', '.join(kept)} and the pattern's background (its light that is not in dots) cannot be "
-        "told apart without an image of the emitter off: the pattern's own background is believed; "
+        f"{', '.join(kept)} and {HAZE} cannot be told apart: {HAZE} was held; free photometry, or "
         "capture with the emitter off too."
     ]
 

@@ -18,8 +18,8 @@ from scipy import optimize
 from calibration.photometry import tiles
 from calibration.photometry.blocks import blocks, quietest, quietest_by_chance
 from calibration.photometry.levels import part
-from calibration.photometry.light_model import Prediction
 from calibration.photometry.photometry_open import EVEN
+from calibration.photometry.prediction import Prediction
 from calibration.solution import Estimate
 from sim.imager import charge, smoothing
 from sim.light import speckle

@@ -1,0 +1,99 @@
+"""A table captured by a small camera, and what a fit of levels found in it."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+
+from calibration.observation import Observation
+from calibration.photometry.photometry_fit import Photometry
+from sim import capture_writer, render, sensor_edits, sensors, simulate
+from sim.layers import Layers
+from sim.scene import Scene
+from sim.scenes import builtin
+from sim.sensor import Sensor
+from sim.stage import Stage
+
+SIZE = [
+    ("width", 320),
+    ("height", 192),
+    ("fx_px", 163.0),
+    ("fy_px", 163.0),
+    ("cx_px", 159.5),
+    ("cy_px", 95.5),
+    ("imager.auto_exposure_level", 0.0),
+    ("imager.exposure_s", 0.016),
+]
+START = sensor_edits.with_values(sensors.load("d435"), SIZE)
+TRUTH = sensor_edits.with_values(
+    START,
+    [
+        ("projector.power_w", 0.22),
+        ("projector.falloff", 1.5),
+        ("imager.lens.vignetting", 3.0),
+        ("imager.lens.blur_px", 0.75),
+        ("imager.black_level_dn", 6.0),
+        ("projector.speckle_contrast", 0.2),
+    ],
+)
+AMBIENT_W_M2 = 0.15
+INFO = capture_writer.info_of(START, source="made by a test", licence="", notes="")
+SCENE = builtin.tabletop(3)
+AMBIENT = f"scene.ambient.irradiance_w_m2[{SCENE.name}]"
+
+
+@cache
+def captured_layers() -> Layers:
+    return render.layers(Stage(SCENE), TRUTH, subpixels=3)
+
+
+@cache
+def fitted_layers() -> dict[str, Layers]:
+    return {SCENE.name: render.layers(Stage(SCENE), START, subpixels=4)}
+
+
+def observed(
+    seed: int = 7,
+    *,
+    sensor: Sensor = TRUTH,
+    off: bool = False,
+    frames: int = 1,
+    scene: Scene = SCENE,
+    layers: Layers | None = None,
+) -> Observation:
+    """Capture the scene; the fit is told another ambient light."""
+    light = dataclasses.replace(scene.ambient, irradiance_w_m2=AMBIENT_W_M2)
+    lit = dataclasses.replace(scene, ambient=light)
+    layers = layers or captured_layers()
+    pairs = [
+        simulate.infrared(layers, lit, sensor, seed=seed, frame=frame) for frame in range(frames)
+    ]
+    dark = sensor_edits.with_values(sensor, [("projector.power_w", 0.0)])
+    codes = np.stack([pair.left for pair in pairs])
+    pair_off = simulate.infrared(layers, lit, dark, seed=seed, frame=frames) if off else None
+
+    def image(read: np.ndarray | None) -> np.ndarray | None:
+        return None if read is None else read.astype(np.float32)
+
+    return Observation(
+        name=scene.name,
+        room=scene.name,
+        info=INFO,
+        left=image(pairs[0].left),
+        right=image(pairs[0].right),
+        left_off=image(pair_off.left) if pair_off else None,
+        right_off=image(pair_off.right) if pair_off else None,
+        scene=scene,
+        metric=True,
+        repeats=codes.astype(np.uint8) if frames > 1 else None,
+    )
+
+
+def found(fit: Photometry) -> dict[str, float]:
+    return {estimate.name: estimate.value for estimate in fit.solution.estimates}
+
+
+def deviations(fit: Photometry) -> dict[str, float]:
+    return {estimate.name: estimate.sd for estimate in fit.solution.estimates}
