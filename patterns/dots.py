@@ -1,4 +1,4 @@
-"""Drawing dots: Gaussian spots of one angular width, at sub-pixel positions, energy kept."""
+"""Drawing dots: Gaussian spots of one width, at sub-pixel positions, energy kept."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ CHUNK = 1 << 17  # Stencil samples worked on at once: few enough to stay in the 
 def draw(dots: np.ndarray, shape: tuple[int, int], field: Field, fwhm_mrad: float) -> np.ndarray:
     """Draw dots as Gaussian spots on the tangent plane.
 
-    A spot has the same angular width everywhere, so on the plane it grows by 1/cos^2 of the
-    off-axis angle outwards and by 1/cos across. Its samples sum to its power; what falls
+    A spot has the same width in direction cosines everywhere, as an order of diffraction has: all
+    orders turn the beam's waves by one grating vector each. On the plane it grows by 1/cos^3 of
+    the off-axis angle outwards and by 1/cos across. Its samples sum to its power; what falls
     outside the image is lost.
 
     Args:
@@ -28,7 +29,7 @@ def draw(dots: np.ndarray, shape: tuple[int, int], field: Field, fwhm_mrad: floa
             more than one image size outside are left out.
         shape: Image shape (h, w).
         field: Field of view that the image spans.
-        fwhm_mrad: Full width at half maximum of a spot [mrad].
+        fwhm_mrad: Full width at half maximum of a spot on the axis [mrad].
 
     Returns:
         (h, w) float64, power per pixel.
@@ -40,11 +41,21 @@ def draw(dots: np.ndarray, shape: tuple[int, int], field: Field, fwhm_mrad: floa
     dots = check_dots(dots)
     check_width(fwhm_mrad, shape, field)
     focal_x, focal_y = field.focal_px(shape)
+    # Far out the plane is grazed and a spot's projection is no Gaussian any more: not drawn.
+    off_x, off_y = (
+        np.abs(dots[:, axis] - (side - 1) / 2) - side / 2
+        for axis, side in ((0, shape[1]), (1, shape[0]))
+    )
+    near = (off_x < shape[1]) & (off_y < shape[0])
+    dots, off_x, off_y = dots[near], off_x[near], off_y[near]
     x, y = field.tangents(dots[:, 0], dots[:, 1], shape)
-    stretch = (1 + x * x + y * y) * (SIGMA_PER_FWHM * fwhm_mrad * 1e-3) ** 2
-    variance_x = stretch * (1 + x * x) * focal_x**2
-    variance_y = stretch * (1 + y * y) * focal_y**2
-    covariance = stretch * x * y * focal_x * focal_y
+    # Tangents t of cosines s change by (1 + t t') sqrt(1 + t't) ds.
+    square = x * x + y * y
+    stretch = (1 + square) * (SIGMA_PER_FWHM * fwhm_mrad * 1e-3) ** 2
+    outwards = 2 + square
+    variance_x = stretch * (1 + outwards * x * x) * focal_x**2
+    variance_y = stretch * (1 + outwards * y * y) * focal_y**2
+    covariance = stretch * outwards * x * y * focal_x * focal_y
     determinant = variance_x * variance_y - covariance**2
     # Rows: x, y, power, inverse covariance (xx, yy, xy).
     spots = np.stack(
@@ -59,10 +70,7 @@ def draw(dots: np.ndarray, shape: tuple[int, int], field: Field, fwhm_mrad: floa
     )
     radius_x = np.ceil(STENCIL_SIGMAS * np.sqrt(variance_x)).astype(int)
     radius_y = np.ceil(STENCIL_SIGMAS * np.sqrt(variance_y)).astype(int)
-    off_x = np.abs(dots[:, 0] - (shape[1] - 1) / 2) - shape[1] / 2
-    off_y = np.abs(dots[:, 1] - (shape[0] - 1) / 2) - shape[0] / 2
-    # Far out the plane is grazed and a spot's projection is no Gaussian any more: not drawn.
-    reaching = (off_x < np.minimum(radius_x, shape[1])) & (off_y < np.minimum(radius_y, shape[0]))
+    reaching = (off_x < radius_x) & (off_y < radius_y)
     spots, radius_x, radius_y = spots[:, reaching], radius_x[reaching], radius_y[reaching]
     image = np.zeros(shape[0] * shape[1])
     # One stencil size per group keeps every group a plain array.

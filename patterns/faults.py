@@ -6,8 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from patterns.cosine_blur import blurred
 from patterns.dots import SIGMA_PER_FWHM, draw
-from patterns.equal_area import blurred
 from patterns.errors import in_interval, refuse
 from patterns.field import Field
 from patterns.pattern import Pattern
@@ -27,8 +27,7 @@ def irradiance(
 
     Dark dots take their light with them, and what is thrown out of the field is lost: nothing
     gets brighter. The light that is not in dots stays as it is. Widths add in quadrature: dots
-    are drawn anew; an image without dots is blurred by a Gaussian that is even in angle within
-    5 % in the middle 60 % of a field of 90 deg (see `patterns.equal_area`).
+    are drawn anew; an image without dots is blurred (see `patterns.cosine_blur`).
 
     Args:
         pattern: the intact one.

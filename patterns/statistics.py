@@ -104,8 +104,8 @@ def measure(
         raise refuse("image", "must hold a spot", "none", "Give a pattern of dots.")
     x, y = field.tangents(x_px, y_px, shape)
     focal_x, focal_y = field.focal_px(shape)
-    # A plane element at tangent r subtends (1 + r^2)^-1.5 of its area.
-    area = area_px2 / (focal_x * focal_y) * (1 + x * x + y * y) ** -1.5
+    # An element of the plane at tangent r has (1 + r^2)^-2 of its area in direction cosines.
+    area = area_px2 / (focal_x * focal_y) * (1 + x * x + y * y) ** -2
     return Statistics(
         dots=len(x),
         dots_per_deg2=len(x) / field.solid_angle_deg2,
@@ -165,9 +165,10 @@ def _melt(rays: np.ndarray, power: np.ndarray, sigma: float) -> np.ndarray:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
-    pairs = KDTree(rays).query_pairs(2 * FURTHEST_MELT * sigma, output_type="ndarray")
+    cosines = rays[:, :2]  # In which all spots have one width.
+    pairs = KDTree(cosines).query_pairs(2 * FURTHEST_MELT * sigma, output_type="ndarray")
     first, second = pairs[:, 0], pairs[:, 1]
-    d = np.linalg.norm(rays[first] - rays[second], axis=1) / (2 * sigma)
+    d = np.linalg.norm(cosines[first] - cosines[second], axis=1) / (2 * sigma)
     root = np.sqrt(np.maximum(d * d - 1, 0))
     room = 2 * d * root + 2 * np.log(np.where(d > 1, d - root, 1))
     weight = np.log(np.maximum(power, 1e-30))

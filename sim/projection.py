@@ -18,7 +18,7 @@ from sim.stage import Stage
 
 
 class _Focused:
-    """A pattern whose dots have one angular width at all distances."""
+    """A pattern whose dots have one width at all distances."""
 
     def __init__(self, irradiance: NDArray[np.float32]) -> None:
         self._texture = _texture("Texture2f", irradiance)

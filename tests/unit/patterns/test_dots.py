@@ -51,8 +51,8 @@ def test_drawing_is_linear_in_the_dots():
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 20.0, 38.0])
-def test_a_spot_grows_on_the_plane_as_its_angle_projects(angle_deg):
-    """Second moments: 1/cos^2 along the radius, 1/cos across, sigma = FWHM / 2.355."""
+def test_a_spot_grows_on_the_plane_as_its_cosines_project(angle_deg):
+    """Second moments: 1/cos^3 along the radius, 1/cos across, sigma = FWHM / 2.355."""
     field = Field(90.0, 30.0)
     shape = field.shape(1600)
     focal = field.focal_px(shape)[0]
@@ -64,11 +64,11 @@ def test_a_spot_grows_on_the_plane_as_its_angle_projects(angle_deg):
     cos = math.cos(math.radians(angle_deg))
     along = math.sqrt((image * (columns - x) ** 2).sum())
     across = math.sqrt((image * (rows - y) ** 2).sum())
-    assert along == pytest.approx(sigma / cos**2, rel=0.005)
+    assert along == pytest.approx(sigma / cos**3, rel=0.005)
     assert across == pytest.approx(sigma / cos, rel=0.005)
 
 
-def test_a_spot_off_both_axes_keeps_its_angular_width():
+def test_a_spot_off_both_axes_keeps_its_width_in_cosines():
     field = Field(90.0, 80.0)
     shape = field.shape(900)
     dot = np.array([[820.0, 690.0, 1.0]])

@@ -77,10 +77,10 @@ def test_quasi_random_is_what_it_states(seed, density, fwhm, spread, background)
 def test_the_documented_numbers():
     """docs/decisions/0004-patterns.md quotes these: seed 0, the defaults."""
     documented = {
-        "D415": (8522, 3.34, 5.85, 3.4, 0.656),
-        "D435": (2733, 0.55, 18.2, 8.3, 0.272),
+        "D415": (8458, 3.31, 5.9, 3.4, 0.646),
+        "D435": (2733, 0.55, 18.2, 8.3, 0.273),
         "Kinect": (32504, 14.1, 3.33, 1.75, 0.992),
-        "uniform": (2268, 0.456, 14.4, 8.3, 0.333),
+        "uniform": (2208, 0.444, 14.9, 8.3, 0.334),
     }
     for name, (dots, density, neighbour, fwhm, unique) in documented.items():
         generator, focal_px = DEFAULTS[name]
