@@ -62,7 +62,7 @@ DOT_BLUR = Effect(
         ),
     ),
     imitates="A projector lens that is poor, cold or scratched: every spot is wider.",
-    law="A spot's variance in direction cosines is its own plus sigma_mrad^2: the same at all depths.",
+    law="A spot's variance in cosines is its own plus sigma_mrad^2: the same at all depths.",
     shows=(
         "Infrared: dots wide and dim, edges and ambient texture sharp. 3 mrad: no bias, holes as "
         "before, noise 0.14 px: a spot of many pixels is easier to place while light is plenty."

@@ -57,11 +57,17 @@ def _observed(
     )
 
 
+UNSEEN = (
+    *(f"clutter:{number}" for number in (2, 3, 4, 5, 6, 7, 9, 10)),
+    *(f"tabletop:{number}" for number in (5, 6, 7, 8)),
+)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("mesh", [True, False])
 def test_what_depth_tells_comes_back(mesh: bool) -> None:
-    """f b within 0.05 %, offset 0.02 px; on three unseen scenes, in the mean, NMAD within 10 % and
-    the gap of holes halved.
+    """f b within 0.05 %, offset 0.02 px; on twelve unseen scenes, in the mean, NMAD within 10 %
+    and the gap of holes halved.
 
     With meshes the surfaces' reflectance is known, without it one grey is assumed; then texture
     and uniqueness stand for what the assumption misses and do not come back themselves.
@@ -88,7 +94,7 @@ def test_what_depth_tells_comes_back(mesh: bool) -> None:
 
     held = [
         twin(_observed(name, preset, TRUE, seed=200 + n, mesh=mesh), preset, seed=50 + n)
-        for n, name in enumerate(("clutter:3", "clutter:5", "tabletop:6"))
+        for n, name in enumerate(UNSEEN)
     ]
     rows = depth_figures.side_by_side(held, preset, solution.sensor)
     row = {key: np.mean([one[key] for one in rows.values()]) for key in rows["clutter:3"]}

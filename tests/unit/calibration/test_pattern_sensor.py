@@ -112,8 +112,8 @@ def test_a_lattice_s_dots_are_drawn_where_it_has_them(sensor: Sensor, tmp_path: 
     between = cosines + source.pitch @ np.array([0.5, 0.5])
     far = np.sqrt(1 - (cosines**2).sum(axis=1))[:, None]
     bright = _light_at(image, cosines / far, sensor)
-    # Dots of one power are dimmer off the axis, as the plane meets them larger: 1 / cos^3.
-    expected = bright.max() * far[:, 0] ** 3
+    # Dots of one power are dimmer off the axis, as the plane meets them larger: 1 / cos^4.
+    expected = bright.max() * far[:, 0] ** 4
     np.testing.assert_allclose(bright / expected, 1, atol=0.15)
     dark = _light_at(image, between / np.sqrt(1 - (between**2).sum(axis=1))[:, None], sensor)
     assert dark.max() < 0.05 * bright.max()
