@@ -88,7 +88,7 @@ def test_dots_are_as_dense_as_stated(name: str) -> None:
     """At the preset's own size; noise and slanted surfaces hide some: the limit is a ratio of 1.6.
 
     Dots alike in power look alike at two places of a row more often, and such windows are not
-    counted: half of them show dots in most scenes, and no less in each than in captured rooms.
+    counted. As many show dots as in captured rooms of a D415: 30 to 66 %.
     """
     sensor, shares = sensors.load(name), []
     stated = stated_per_deg2(sensor.projector, sensor.fx_px)
@@ -97,7 +97,8 @@ def test_dots_are_as_dense_as_stated(name: str) -> None:
         seen = see(find(item.left, item.right), item.info)
         shares.append(seen.share)
         assert 1 / 1.45 < float(seen.per_deg2.mean()) / stated < 1.2
-    assert np.median(shares) > 0.5 and min(shares) > BAREST_ROOM
+    assert min(shares) > BAREST_ROOM
+    assert name != "d415" or max(shares) < 0.66
 
 
 def test_the_emitter_off(sensor: Sensor) -> None:
