@@ -74,7 +74,7 @@ def test_what_depth_tells_comes_back(mesh: bool) -> None:
     It does not prove that a device's matcher is ours: both sides share its code.
     """
     preset = _preset()
-    names = ("clutter:1", "tabletop:2", "clutter:8")
+    names = ("clutter:1", "tabletop:2", "clutter:8", "tabletop:9", "clutter:11", "tabletop:10")
     fitted = [
         _observed(name, preset, TRUE, seed=100 + n, mesh=mesh) for n, name in enumerate(names)
     ]
