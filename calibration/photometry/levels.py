@@ -68,6 +68,10 @@ def expected(
     step = exposure.gain * imager.ceiling_dn / imager.full_well_e
     scale = np.float32(electrons_per_radiance(imager, wavelength, exposure.exposure_s) * step)
     apart = signals(view, scene, sensor, side)
+    dark = np.zeros_like(view.ambient)
+    alone = dataclasses.replace(
+        even, ambient=dark, other=dark
+    )  # What `view` has is not formed twice.
 
     def signal(light: Image) -> Image:
         if not light.any():
@@ -78,7 +82,7 @@ def expected(
 
     return Levels(
         laser=signal(apart.laser),
-        even=signal(signals(even, scene, sensor, side).laser),
+        even=signal(signals(alone, scene, sensor, side).laser),
         ambient=signal(apart.ambient),
         other=signal(apart.other),
         lens_log_cos=np.asarray(-0.5 * np.log1p(Pinhole.of(sensor).tangent_squared()), np.float32),

@@ -21,6 +21,7 @@ from sim.scene import Scene
 from sim.sensor import Sensor
 
 POWER = "projector.power_w"
+AMBIENT = "scene.ambient.irradiance_w_m2"
 HAZE = "projector.haze"
 FALLOFF = "projector.falloff"
 VIGNETTING = "left.lens.vignetting"
@@ -73,7 +74,7 @@ Formed = dict[tuple[str, Side, Exposure, float], Levels]
 
 def ambient(scene: str) -> str:
     """Name of a scene's ambient irradiance."""
-    return f"scene.ambient.irradiance_w_m2[{scene}]"
+    return f"{AMBIENT}[{scene}]"
 
 
 def exposure_ratio(scene: str, *, on: bool) -> str:
@@ -207,10 +208,10 @@ def columns(
     shape = _dimmed(at.projector_log_cos, values[FALLOFF] - sensor.projector.falloff)
     power = np.float32(values[POWER] if image.on else 0.0)
     strength = np.float32(values[ambient(image.scene)])
-    dots, even = _parted(at, sensor.projector.haze)
+    dots = _dots(at, sensor.projector.haze)
     haze = np.float32(values[HAZE])
     lit = np.asarray(lens * shape * np.float32(image.on), np.float32)
-    unit = np.asarray(lit * ((1 - haze) * dots + haze * even), np.float32)
+    unit = np.asarray(lit * ((1 - haze) * dots + haze * at.even), np.float32)
     laser = np.asarray(power * unit, np.float32)
     model = np.asarray(laser + lens * (strength * at.ambient + at.other), np.float32)
     none = np.zeros_like(model)
@@ -219,7 +220,7 @@ def columns(
         if name == POWER:
             return unit
         if name == HAZE:
-            return power * lit * (even - dots)
+            return power * lit * (at.even - dots)
         if name == FALLOFF:
             return laser * at.projector_log_cos
         if name == VIGNETTING:
@@ -234,8 +235,7 @@ def columns(
             return model / np.float32(ratio)
         if name == BLUR:
             wider = _levels(image, values[BLUR] + _BLUR_STEP_PX, sensor, formed)
-            sharp, _ = _parted(wider, sensor.projector.haze)
-            change = power * lit * (1 - haze) * (sharp - dots)
+            change = power * lit * (1 - haze) * (_dots(wider, sensor.projector.haze) - dots)
             change += lens * strength * (wider.ambient - at.ambient)
             return change / np.float32(_BLUR_STEP_PX)
         return none
@@ -248,12 +248,11 @@ def columns(
     )
 
 
-def _parted(at: Levels, haze: float) -> tuple[Array, Array]:
-    """The laser's light if it were all in dots, and if it were all between them."""
+def _dots(at: Levels, haze: float) -> Array:
+    """The laser's light if it were all in dots; where it has none, as it is."""
     if haze == 1:
-        return at.laser, at.even
-    dots = (at.laser - np.float32(haze) * at.even) / np.float32(1 - haze)
-    return np.asarray(dots, np.float32), at.even
+        return at.laser
+    return np.asarray((at.laser - np.float32(haze) * at.even) / np.float32(1 - haze), np.float32)
 
 
 def _dimmed(log_cos: Array, exponent: float) -> Array:

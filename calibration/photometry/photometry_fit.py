@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from calibration.observation import Observation
 from calibration.photometry import light_model, prediction, tiles, weights
 from calibration.photometry.light_model import (
+    AMBIENT,
     BLUR,
     FALLOFF,
     HAZE,
@@ -40,9 +41,9 @@ from sim.imager.exposure import Exposure
 from sim.layers import Layers
 from sim.sensor import Sensor
 
-AMBIENT = "scene.ambient.irradiance_w_m2"
 PARAMETERS = (POWER, AMBIENT, LEFT_BLACK, HAZE, VIGNETTING, FALLOFF, BLUR)
 """What `free` may name; the right imager's black level and gain go with the left's black level."""
+_COMMON = tuple(name for name in PARAMETERS if name != AMBIENT)  # To all scenes.
 
 _ROUNDS = 10
 # Tiles whose mean reflectance sets a tile's weights: by its own, a tile that noise has brightened
@@ -184,7 +185,7 @@ def _case(
     for image in images:  # No pixel is darker than black, but for noise.
         name = light_model.black_name(image.side)
         values[name] = min(values[name], image.lowest_dn)
-    names = [name for name in (POWER, LEFT_BLACK, HAZE, VIGNETTING, FALLOFF, BLUR) if name in free]
+    names = [name for name in _COMMON if name in free]
     exposed = all(image.exposure_known for image in images)
     if eliminate or not exposed:
         names = [name for name in names if name != POWER]
@@ -343,8 +344,7 @@ def _solution(
 ) -> Solution:
     """State values and deviations; what was asked for and not fitted is open."""
     names = [name for name in case.names if not name.startswith("exposure_ratio")]
-    asked = [POWER, LEFT_BLACK, HAZE, VIGNETTING, FALLOFF, BLUR]
-    held = [name for name in asked if name in free and name not in names]
+    held = [name for name in _COMMON if name in free and name not in names]
     rows = [case.names.index(name) for name in names]
     covariance = np.diag(np.full(len(names) + len(held), np.inf))
     covariance[: len(names), : len(names)] = equations.covariance()[np.ix_(rows, rows)]
