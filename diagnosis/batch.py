@@ -26,7 +26,7 @@ from diagnosis.report import figures
 from diagnosis.scene_pairs import scene_pairs
 from diagnosis.subject import Subject, retaken, subject
 from diagnosis.which import arm as arms
-from diagnosis.which import rivals
+from diagnosis.which import baselines
 from diagnosis.which.arm import Found, Screen
 from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm
@@ -168,9 +168,9 @@ def _baselines(arms: Sequence[Found], *, seed: int) -> dict[str, str | None]:
     """What simpler ways name."""
     each = [(arm.screen.rough, arm.likelihood) for arm in arms]
     return {
-        "largest_drop": rivals.largest_drop(each),
-        "cosine": rivals.nearest(each),
-        "random": rivals.by_lot(each, seed=seed),
+        "largest_drop": baselines.largest_drop(each),
+        "cosine": baselines.nearest(each),
+        "random": baselines.by_lot(each, seed=seed),
     }
 
 

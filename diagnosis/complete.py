@@ -10,9 +10,9 @@ Held = tuple[bool, bool]  # Infrared pairs, depth of the device's own.
 
 
 def complete(subjects: Sequence[Subject]) -> tuple[list[Subject], list[Subject]]:
-    """Part scenes into those that hold all that most scenes hold, and the others.
+    """Part scenes into those that hold all that the most frequent kind holds, and the others.
 
-    Of kinds that are equally many the one with infrared counts as most. One incomplete scene would
+    Of kinds that are equally many the one with infrared counts. One incomplete scene would
     otherwise take from all others an arm that they have.
 
     Args:

@@ -26,7 +26,7 @@ from typing import Any
 from diagnosis import named, program
 from diagnosis.scene_pairs import scene_pairs
 from diagnosis.subject import subject
-from diagnosis.which import noticed
+from diagnosis.which import noticed, null
 from diagnosis.which.arm import Screen
 from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm
@@ -73,6 +73,7 @@ def limits(
     asked, _ = named.parted(subjects)
     found: dict[str, Limits] = {}
     for arm in named.open_arms(subjects, asked):
+        # What captured pairs are matched to depends on captures: no other run asks for it.
         place = None if arm is Arm.DEPTH else cache
         table, screen = named.screened(arm, asked, always=True, cache=place, tell=tell)
         asked_about = [
@@ -160,10 +161,9 @@ def _found_on_devices(of: Signature, value: Value, table: Bench, screen: Screen)
     """
     if table.arm is Arm.DEPTH:
         return True
-    readings = [table.another({of.name: value}, number=number) for number in _DEVICES]
-    known = [reading for reading in readings if reading is not None]
-    likelihoods = [screen.base.likelihood(reading, screen.weight) for reading in known]
-    return len(known) == len(readings) and noticed.enough(of, likelihoods, screen)
+    made = [null.another(table, screen.base, {of.name: value}, number=one) for one in _DEVICES]
+    likelihoods = [base.likelihood(reading, screen.weight) for base, reading in filter(None, made)]
+    return len(likelihoods) == len(made) and noticed.enough(of, likelihoods, screen)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

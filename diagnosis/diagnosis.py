@@ -12,7 +12,7 @@ from diagnosis.families import refuse_others
 from diagnosis.howfar.judged import Judged
 from diagnosis.howfar.residual import METHOD, Residual, learn
 from diagnosis.limits import limits_of
-from diagnosis.named import Kind, named, open_arms, parted, screened
+from diagnosis.named import Kind, named, open_arms, parted, screened, tried
 from diagnosis.report.shown import Shown, shown
 from diagnosis.scene_pairs import scene_pairs
 from diagnosis.subject import Subject, subject
@@ -76,10 +76,10 @@ def diagnose(
         tell: wraps loops that take long.
 
     Raises:
-        InputError: if a scene is damaged, none has geometry or reference depth, scenes are of
+        InputError: if a scene is damaged or has neither geometry nor reference depth, scenes are of
             several cameras, both sets differ in geometry or have nothing in common, a family is
-            none, a residual is asked for against another set or without torch, or the sensor is
-            none of stereo.
+            none, none of them acts on what was captured, a residual is asked for against another
+            set or without torch, or the sensor is none of stereo.
     """
     refuse_others(families or ())
     if sensor.kind == "structured_light":
@@ -93,6 +93,11 @@ def diagnose(
     read = [subject(one, sensor, against=other) for one, other in tell(scenes.pairs, "scenes")]
     subjects, incomplete = complete(read)
     asked, locked = parted(subjects)
+    arms = open_arms(subjects, asked)
+    untried = [arm for arm in arms if not tried(arm, asked, families)]
+    if arms and untried == arms:
+        rule = "must have an effect that acts on what these captures hold"
+        raise refuse("families", rule, " ".join(families or ()), "Name others, or none.")
     told = where.where(subjects)
     other = None if against is None else against.path
     # Those asked are dealt first: they are nearly all of the work, and one waits for the other.
@@ -101,7 +106,7 @@ def diagnose(
     with Crew(captures.path, sensor, dealt, against=other, fitted=fitted) as crew:
         screens = [
             screened(arm, asked, families=families, cache=cache, crew=crew, tell=tell)
-            for arm in open_arms(subjects, asked)
+            for arm in arms
         ]
         found = named(screens, locked)
         proposed = _told(found.arms, asked, crew, tell)
@@ -110,12 +115,13 @@ def diagnose(
     ]
     learnt = None
     limits = limits_of(
-        captures.info.sensor,
+        (captures if against is None else against).info.sensor,
         subjects,
         locked=bool(locked),
         aside=scenes.aside,
         incomplete=[one.name for one in incomplete],
         families=families,
+        untried=untried,
     )
     if not found.together:
         limits.append(

@@ -20,6 +20,7 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Pixels = NDArray[np.intp]  # Places in a flattened image.
 
+FAR_OFF_PX = 2.0  # Errors beyond are a wrong match's: how far they reach tells nothing.
 AT_EDGE_PX, NEAR_EDGE_PX = 4, 12  # Half a matching window, and beyond all windows.
 _DEGREES = (40.0, 65.0)  # Facing, slanted, grazing.
 COVARIATES = [
@@ -67,7 +68,7 @@ class Ground:
 
     info: CaptureInfo
     disparity_px: Image  # (h, w) of the reference; NaN where unknown.
-    expected: Image  # (h, w) what the simulator's left imager expects, without noise [DN].
+    expected: Image  # (h, w) what the simulated left imager expects above its black level [DN].
     counted: Mask  # (h, w) known, and inside the right image.
     body: NDArray[np.uint32]  # (h, w) number of the object, from 1; 0 where there is none.
     projector: Image  # (h, w, 2) x / z and y / z of each point in the projector's frame.
@@ -123,7 +124,7 @@ def ground(
 
     Args:
         disparity_px: (h, w) of the reference, NaN where unknown.
-        expected: (h, w) noise-free simulated left image [DN].
+        expected: (h, w) simulated left image without noise and black level [DN].
         info: intrinsics.
         body: (h, w) number of the object that each pixel sees.
         projector: (h, w, 2) tangents of each point in the projector's frame.

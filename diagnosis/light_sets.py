@@ -42,7 +42,6 @@ def write(
     names: Sequence[str],
     sensor: Sensor,
     *,
-    force: bool = False,
     tell: progress.Progress = progress.silent,
 ) -> None:
     """Write builtin scenes as light, beside what a capture set says of them.
@@ -51,7 +50,6 @@ def write(
         out: folder to make.
         names: builtin scenes, each once.
         sensor: nominal; its geometry, projector and scale of electrons count.
-        force: replace a folder made before.
         tell: wraps the loop over scenes.
 
     Raises:
@@ -61,7 +59,7 @@ def write(
         found = f"{len(names)}, {len(set(names))} of them different"
         raise refuse("scenes", "must be at least one, each once", found, "Correct the list.")
     info = capture_writer.info_of(sensor, source="check", licence="Apache-2.0", notes="simulated")
-    with OutputFolder(out, force=force) as folder, tempfile.TemporaryDirectory() as temporary:
+    with OutputFolder(out, force=False) as folder, tempfile.TemporaryDirectory() as temporary:
         even = _even(sensor, Path(temporary))
         folder.write(capture_info.FILE, capture_info.dumps(info).encode())
         loaded = {name: scenes.load(name, sensor) for name in names}

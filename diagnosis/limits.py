@@ -9,9 +9,10 @@ import numpy as np
 from diagnosis.named import FEWEST, LOCKED
 from diagnosis.nuisances import SCALE
 from diagnosis.subject import Subject
-from diagnosis.which.candidates import LEFT_OUT
+from diagnosis.which.candidates import LEFT_OUT, Arm
 
 _SAME = 0.01  # Share by which exposures differ that count as one.
+_ACTED_ON = {Arm.IMAGE: "images", Arm.DEPTH: "matcher and filters", Arm.WHOLE: "depth"}
 
 
 def limits_of(
@@ -22,20 +23,22 @@ def limits_of(
     aside: Sequence[str],
     incomplete: Sequence[str],
     families: Sequence[str] | None,
+    untried: Sequence[Arm],
 ) -> list[str]:
     """List them.
 
     Args:
-        device: that the captures say they are of.
+        device: that the captures say they are of, or those that they are compared with.
         subjects: all scenes, at least one.
         locked: whether some of them have no say in what is named.
         aside: scenes that only one of two capture sets has.
-        incomplete: scenes that hold less than most.
+        incomplete: scenes that hold less than the others.
         families: of effects that were tried; None tried all.
+        untried: arms on which none of these families acts.
     """
     return [
-        *_asked(device, subjects, aside, families),
-        *_incomplete(subjects[0], incomplete),
+        *_asked(device, subjects, aside, families, untried),
+        *_incomplete(subjects, incomplete),
         *_rooms(subjects, locked=locked),
         *_captured(subjects),
         *_light(subjects),
@@ -45,28 +48,37 @@ def limits_of(
 
 
 def _asked(
-    device: str, subjects: Sequence[Subject], aside: Sequence[str], families: Sequence[str] | None
+    device: str,
+    subjects: Sequence[Subject],
+    aside: Sequence[str],
+    families: Sequence[str] | None,
+    untried: Sequence[Arm],
 ) -> Iterator[str]:
     called = subjects[0].sensor.name
     if device != called:
+        whose = "These" if subjects[0].against is None else "The other set's"
         yield (
-            f"These captures say that they are of a {device}; the sensor at hand is called "
+            f"{whose} captures say that they are of a {device}; the sensor at hand is called "
             f"{called}."
         )
     if families is not None:
         yield f"Only effects of these families were tried: {', '.join(sorted(families))}."
+    for arm in untried:
+        yield f"None of them acts on {_ACTED_ON[arm]}: what made a gap there is not told."
     if aside:
         yield f"Only one of the two sets has these scenes, left aside: {', '.join(aside)}."
 
 
-def _incomplete(one: Subject, incomplete: Sequence[str]) -> Iterator[str]:
+def _incomplete(subjects: Sequence[Subject], incomplete: Sequence[str]) -> Iterator[str]:
     if incomplete:
+        paired = all(one.real.left is not None for one in subjects)
+        measured = all(one.real.device_px is not None for one in subjects)
         held = [
-            *(["infrared pairs"] if one.real.left is not None else []),
-            *(["depth of the device's own"] if one.real.device_px is not None else []),
+            *(["infrared pairs"] if paired else []),
+            *(["depth of the device's own"] if measured else []),
         ]
         yield (
-            f"Most scenes hold {' and '.join(held)}; these do not, left aside: "
+            f"Asked about are scenes that hold {' and '.join(held)}; these do not, left aside: "
             f"{', '.join(incomplete)}."
         )
 
@@ -102,9 +114,14 @@ def _captured(subjects: Sequence[Subject]) -> Iterator[str]:
             f"No depth of the device's own{_of(pairs_alone, subjects)}: its matcher and filters "
             "are not judged."
         )
-    if any(one.frames < 2 for one in subjects):
-        yield "One frame a scene: noise in time is not seen."
-    moved = [one.name for one in subjects if one.real.moved]
+    single = [one.name for one in subjects if one.frames < 2]
+    if single:
+        yield f"One frame{_of(single, subjects)} alone: noise in time is not seen there."
+    moved = [
+        one.name
+        for one in subjects
+        if one.real.moved or (one.against is not None and one.against.moved)
+    ]
     if moved:
         yield (
             f"Repeats of {', '.join(moved)} differ by more than noise and light, as if something "
@@ -113,10 +130,16 @@ def _captured(subjects: Sequence[Subject]) -> Iterator[str]:
 
 
 def _light(subjects: Sequence[Subject]) -> Iterator[str]:
-    if any(one.estimates for one in subjects):
+    estimated = [one for one in subjects if one.estimates]
+    if any(one.real.left is not None for one in estimated):
         yield (
             "Reflectance and ambient light were estimated from these images: light, exposure, "
             "gain, fall-off and reflectance are partly taken up by them, and are not separable."
+        )
+    elif estimated:
+        yield (
+            "Reflectance and ambient light are not known, and without images one of each was "
+            "supposed: light, exposure, gain and reflectance are not separable."
         )
     elif len({repr(one.scene.ambient) for one in subjects}) > 1:
         yield "Scenes differ in ambient light: what is tried of it departs from the first scene's."
@@ -152,7 +175,8 @@ def _fitted(subjects: Sequence[Subject]) -> Iterator[str]:
 
 def _exposures(subjects: Sequence[Subject]) -> Iterator[str]:
     imager = subjects[0].sensor.left
-    told = [one.real.exposure for one in subjects if one.real.exposure is not None]
+    base = [one.real if one.against is None else one.against for one in subjects]
+    told = [one.exposure for one in base if one.exposure is not None]
     if not told or imager.auto_exposure_level:
         return
     amounts = [one.exposure_s * one.gain for one in told]

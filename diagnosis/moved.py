@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.metrics import MAD_TO_SIGMA
+
 # Repeats are still if of their differences, smoothed by so much, no more than a share of the pixels
 # is beyond so many codes and so many deviations of noise,
 _CALM_PX, _CALM_DN, _CALM, _CALM_SHARE = 5, 1.0, 6.0, 0.01
@@ -27,7 +29,7 @@ def images(repeats: NDArray[np.unsignedinteger | np.float32]) -> bool:
         factor = float((first * one).sum()) / max(float((one * one).sum()), 1.0)
         apart = first - factor * one
         fine = apart - cv2.blur(apart, (3, 3))
-        noise = 1.4826 * float(np.median(np.abs(fine - np.median(fine)))) * 3 / np.sqrt(8)
+        noise = MAD_TO_SIGMA * float(np.median(np.abs(fine - np.median(fine)))) * 3 / np.sqrt(8)
         smooth = np.abs(cv2.blur(apart, (_CALM_PX, _CALM_PX)))
         if np.mean(smooth > _CALM_DN + _CALM * noise / _CALM_PX) > _CALM_SHARE:
             return True
@@ -44,7 +46,7 @@ def depth(repeats_px: NDArray[np.float32]) -> bool:
     for one in others:
         both = np.isfinite(first) & np.isfinite(one)
         apart = np.where(both, first - one, 0).astype(np.float32)
-        noise = 1.4826 * float(np.median(np.abs(apart[both]))) if both.any() else _WILD_PX
+        noise = MAD_TO_SIGMA * float(np.median(np.abs(apart[both]))) if both.any() else _WILD_PX
         if noise >= _WILD_PX:
             continue
         calm = np.abs(cv2.medianBlur(apart, _CALM_PX))

@@ -16,7 +16,7 @@ from diagnosis.subject import Subject
 from diagnosis.which import arm as arms
 from diagnosis.which.arm import Found, Screen
 from diagnosis.which.bench import Bench, bench
-from diagnosis.which.candidates import Arm, candidates
+from diagnosis.which.candidates import Arm, Candidate, candidates
 from patterns.errors import InputError
 from sim import progress
 from sim.effects import setting
@@ -81,23 +81,35 @@ def screened(
     Args:
         arm: one that is open.
         asked: at least one subject.
-        families: of effects that are tried; None tries all but what was fitted to a scene from the
-            very captures that are diagnosed.
+        families: as `tried`.
         always: as `arms.screen`.
         cache: folder that keeps what is simulated, for other runs.
         crew: who simulates; None: this process.
         tell: wraps loops that take long.
     """
     table = bench(asked, arm, cache=cache, crew=crew)
+    return table, arms.screen(table, tried(arm, asked, families), always=always, tell=tell)
+
+
+def tried(
+    arm: Arm, asked: Sequence[Subject], families: Sequence[str] | None = None
+) -> list[Candidate]:
+    """List what is tried in one arm: all but what was fitted to a scene from the very captures that
+    are diagnosed.
+
+    Args:
+        arm: one that is open.
+        asked: at least one subject.
+        families: of effects that are asked for; None asks for all.
+    """
     first = asked[0]
     base = setting.apply(first.sensor, first.scene, nuisances.commonly(first.nuisances))
     taken = {name for one in asked if one.against is None for name in one.nuisances}
-    tried = [
+    return [
         one
         for one in candidates(*base, arm)
         if (families is None or one.effect.family in families) and one.name not in taken
     ]
-    return table, arms.screen(table, tried, always=always, tell=tell)
 
 
 def named(screens: Sequence[tuple[Bench, Screen]], locked: Sequence[Subject]) -> Named:

@@ -42,15 +42,21 @@ Nuisances = Mapping[str, Nuisance]  # By effect.
 def fitted(captured: CapturedScene, scene: Scene, sensor: Sensor) -> Nuisances:
     """Fit them to a scene whose light was estimated from its images.
 
+    Ambient light is told from reflectance by the dots: without images, or with the projector off,
+    it was not fitted.
+
     Args:
         captured: what was captured of it.
         scene: what is known of it.
         sensor: the base.
     """
-    common = sensor.projector.pattern_scale
-    found = {AMBIENT: Nuisance(LIT_ROOM_W_M2, scene.ambient.irradiance_w_m2)}
+    found: dict[str, Nuisance] = {}
+    if captured.fullest().ir_left is not None and sensor.projector.power_w > 0:
+        found[AMBIENT] = Nuisance(LIT_ROOM_W_M2, scene.ambient.irradiance_w_m2)
     scale = pattern_scale(captured, scene, sensor)
-    return found if scale is None else {**found, SCALE: Nuisance(common, scale)}
+    if scale is not None:
+        found[SCALE] = Nuisance(sensor.projector.pattern_scale, scale)
+    return found
 
 
 def on_sensor(sensor: Sensor, nuisances: Nuisances) -> Sensor:

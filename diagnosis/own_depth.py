@@ -20,7 +20,7 @@ from diagnosis.reading import measured
 from patterns.errors import refuse
 from sim import capture, output, png, progress, sensors
 from sim.capture import CapturedScene
-from sim.depth import to_code
+from sim.depth import depth_from_disparity, to_code
 from sim.sensor import Sensor
 from sim.threads import single_threaded
 
@@ -51,8 +51,9 @@ def _codes(scene: CapturedScene, number: int, sensor: Sensor) -> np.ndarray:
     if frame.ir_left is None or frame.ir_right is None:
         raise refuse("capture", "must be an infrared pair", scene.path, "Take it again.")
     (disparity_px,) = measured(frame.ir_left[None], frame.ir_right[None], sensor)
-    depth_m = scene.info.fx_px * scene.info.baseline_m / disparity_px
-    return to_code(depth_m, scene.info.depth_unit_m)
+    info = scene.info
+    depth_m = depth_from_disparity(disparity_px, focal_px=info.fx_px, baseline_m=info.baseline_m)
+    return to_code(depth_m, info.depth_unit_m)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

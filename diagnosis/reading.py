@@ -176,7 +176,7 @@ def exposed_again(of: Reading, sensor: Sensor, rng: np.random.Generator) -> Read
     """
     assert of.left is not None and of.right is not None
     left = _noisier(of.left, sensor.left, rng, side=0)
-    right = _noisier(of.right, sensor.right or sensor.left, rng, side=1)
+    right = _noisier(of.right, sensor.right, rng, side=1)
     return dataclasses.replace(
         of, left=left, right=right, ours_px=matched(left[:1], right[:1], sensor)
     )

@@ -45,8 +45,6 @@ def interval(
     drawn: NDArray[np.float64],
     middle: NDArray[np.float64] | float,
     count: NDArray[np.int64] | int,
-    *,
-    level: float = LEVEL,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Percentiles of a bootstrap over rooms, widened to what so few of them can tell.
 
@@ -58,14 +56,13 @@ def interval(
         drawn: (draws, ...) what rooms drawn anew give; NaN of draws that tell nothing.
         middle: (...) what the rooms themselves give.
         count: (...) of the rooms; less than two tell nothing, which is NaN.
-        level: of the interval.
 
     Returns:
         Both ends (...).
 
     Source: Hesterberg, What teachers should know about the bootstrap, Am. Stat. 69 (2015), 4.2.
     """
-    tail = (1 - level) / 2
+    tail = (1 - LEVEL) / 2
     low, high = np.nanquantile(drawn, (tail, 1 - tail), axis=0)
     many = np.maximum(np.asarray(count, float), 2)
     wider = np.sqrt(many / (many - 1)) * stats.t.isf(tail, many - 1) / stats.norm.isf(tail)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from diagnosis import subject
 from diagnosis.reading import Reading
 from diagnosis.subject import Subject
-from diagnosis.which.bench import bench
+from diagnosis.which.bench import BITS, bench
 from diagnosis.which.candidates import Arm
 from diagnosis.which.left import group
 from diagnosis.which.null import FLOOR
@@ -27,7 +27,7 @@ from sim.sensor_edits import with_values
 _SEEDS = 4  # Of the noise of a proposed capture.
 _REPEATS = 8
 _NOTHING = Reading(left=None, right=None, ours_px=None, device_px=None)
-_MOST = 6.0  # Deviations of one feature that count: one alone must not decide.
+_MOST = 4.0  # Deviations of one feature that count: one alone must not reach `TOLD`.
 TOLD = 5.0  # Root sum of squares over groups of features from which a capture tells rivals apart.
 
 Setup = tuple[Scene, Sensor]
@@ -157,7 +157,11 @@ def _squares(
     proposal: Proposal,
 ) -> float | None:
     """Sum over groups of features of the squared difference of two rivals over its deviation."""
-    each = [_setups(rival, of, proposal) for rival in (one, other)]
+    # A pair that was put out lacks the bits that its device's matcher reads: the bench makes these.
+    rematched = [BITS] if arm is Arm.DEPTH else []
+    bits = [{k: v for k, v in rival.items() if k in rematched} for rival in (one, other)]
+    rest = [{k: v for k, v in rival.items() if k not in rematched} for rival in (one, other)]
+    each = [_setups(rival, of, proposal) for rival in rest]
     supposed = [setups for setups in each if setups is not None]
     if len(supposed) < len(each):
         return None
@@ -167,13 +171,13 @@ def _squares(
         if arm is Arm.DEPTH:
             base = dataclasses.replace(base, real=base.simulate({}, seed=0))
         tables = []
-        for setups in supposed:
+        for setups, finer in zip(supposed, bits, strict=True):
             # What a rival changes is seen in the bins of what is believed.
             taken = _taken(of, *setups[number], proposal, number)
             taken = dataclasses.replace(taken, real=base.real, ground=base.ground)
             table = bench([taken], arm)
             seeds = range(1 if arm is Arm.DEPTH else _SEEDS)
-            simulated = [table.simulated({}, seed=seed) for seed in seeds]
+            simulated = [table.simulated(finer, seed=seed) for seed in seeds]
             known = [found for found in simulated if found is not None]
             if len(known) < len(simulated):
                 return None

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.ground import Image, Mask, Pixels
+from sim.metrics import MAD_TO_SIGMA
 
 FEWEST = 100  # Pixels that a bin must hold.
-MAD_TO_SIGMA = 1.4826
 _LEAST = 1e-6  # Of what a logarithm is taken.
 
 

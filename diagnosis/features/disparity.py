@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from diagnosis.features import bins
-from diagnosis.ground import Ground, Image
+from diagnosis.ground import FAR_OFF_PX, Ground, Image
 
-_FAR_OFF_PX = 2.0
 _PLACES = ("depth", "x", "y", "radius", "level", "incidence")
 
 
@@ -19,11 +18,11 @@ def disparity(found_px: Image, ground: Ground) -> dict[str, float]:
         ground: of the scene.
     """
     error = found_px - ground.disparity_px
-    near = np.where(np.abs(error) <= _FAR_OFF_PX, error, np.nan)
+    near = np.where(np.abs(error) <= FAR_OFF_PX, error, np.nan)
     [(_, everywhere)], [(_, far)] = ground.whole(), ground.whole(far=True)
     found_there = np.isfinite(found_px)
     missing = ~found_there
-    off = np.nan_to_num(np.abs(error), nan=0.0) > _FAR_OFF_PX
+    off = np.nan_to_num(np.abs(error), nan=0.0) > FAR_OFF_PX
     middle, spread = bins.median_and_spread(near, far)
     found = {
         "error.bias.all": middle,

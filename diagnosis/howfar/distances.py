@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.ground import Ground, Image, Mask
+from diagnosis.ground import FAR_OFF_PX, Ground, Image, Mask
 from diagnosis.howfar import holes
 from diagnosis.reading import Reading
 from learning.physics_probability import drawn_probability
 
-_FAR_OFF_PX = 2.0  # Errors beyond count as this far: a single far one must not decide.
 _QUANTILES = np.linspace(0.005, 0.995, 199)
 _LEAST_DN = 0.3  # Deviation of a code that no camera is below: rounding's.
 
@@ -53,11 +52,10 @@ def _holes(real: Mask, draws: NDArray[np.bool_], where: Mask) -> dict[str, float
 
 
 def _errors(real: Image, draws: NDArray, ground: Ground) -> dict[str, float]:
-    open_pixels = ground.counted & (ground.covariates["edge"].label == 0)
-    one = (real - ground.disparity_px)[open_pixels]
-    other = (draws[0] - ground.disparity_px)[open_pixels]
+    one = (real - ground.disparity_px)[ground.open]
+    other = (draws[0] - ground.disparity_px)[ground.open]
     both = np.isfinite(one) & np.isfinite(other)  # Else pixels that either loses would bias it.
-    one, other = (np.clip(error[both], -_FAR_OFF_PX, _FAR_OFF_PX) for error in (one, other))
+    one, other = (np.clip(error[both], -FAR_OFF_PX, FAR_OFF_PX) for error in (one, other))
     if one.size < 100:
         return dict.fromkeys(("bias_px", "log_nmad", "error_distribution_px"), float("nan"))
     spread = [max(float(np.median(np.abs(e - np.median(e)))), 1e-3) for e in (one, other)]

@@ -13,8 +13,7 @@ from diagnosis.howfar.distances import distances
 from diagnosis.subject import Subject
 from diagnosis.which import null
 from diagnosis.which.arm import Found
-from diagnosis.which.bench import Bench, Table
-from diagnosis.which.candidates import Arm
+from diagnosis.which.bench import Bench
 from diagnosis.which.likelihood import Likelihood
 from diagnosis.which.made import Made
 from sim.effects.effect import Value
@@ -30,7 +29,7 @@ class Judged:
     """Answers to the third question."""
 
     figures: dict[str, Closed]
-    shares: dict[str, float]  # By effect, of the features' gap that was closed (Shapley), 0..1.
+    shares: dict[str, float]  # By effect, of the features' gap that was closed (Shapley); sum 1.
 
 
 def judged(locked: Sequence[Subject], settings: Settings, arms: Sequence[Found]) -> Judged:
@@ -82,31 +81,10 @@ def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likeliho
     """The locked scenes' features: of the real readings, and of simulated ones in their place."""
     table = dataclasses.replace(arm.bench, subjects=tuple(locked), _kept={})
     base, weight = null.base(table), arm.screen.weight
-    other = _another(table, arm.settings, against=base.against is not None)
-    if table.arm is Arm.DEPTH and len(base.tables) > 1:
-        other = other + table.finer(seed=OTHER)
-    real = base.likelihood(table.real(), weight)
-    beside = base.tables[-1]
-    if table.arm is Arm.WHOLE and base.against is not None:
-        beside = table.simulated({}, seed=OTHER + 1)
-        assert beside is not None
-    if table.arm is Arm.IMAGE and base.against is not None:
-        # What is laid onto captured images has their noise, and another reading has noise anew.
-        other = other - base.against + table.exposed(seed=OTHER)
-        beside = table.exposed(seed=OTHER + 1)
-    return table, real, base.drawn(beside).likelihood(other, weight)
-
-
-def _another(table: Bench, settings: Settings, *, against: bool) -> Table:
-    """What stands for the real capture: by another device of the kind, as what is drawn by lot is
-    each device's own; of one whose depth is compared with its own, by that.
-    """
-    if table.arm is Arm.IMAGE or (table.arm is Arm.WHOLE and not against):
-        found = table.another(settings, number=OTHER)
-    else:
-        found = table.simulated(settings, seed=OTHER)
-    assert found is not None  # As they were accepted together.
-    return found
+    made = null.another(table, base, arm.settings, number=OTHER)
+    assert made is not None  # As they were accepted together.
+    beside, other = made
+    return table, base.likelihood(table.real(), weight), beside.likelihood(other, weight)
 
 
 def _made(table: Bench, settings: Settings) -> Made:

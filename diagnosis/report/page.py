@@ -99,7 +99,8 @@ def _made(of: Diagnosis) -> str:
         + prose(
             f"An effect is accepted if it gains at least the threshold: the most that the best of "
             f"all effects gains by chance in {null.SEEDS} simulated readings of the base, and no "
-            f"less than {number(null.LEAST_GAIN, '.0f')}. Another effect is not "
+            f"less than {number(null.LEAST_GAIN, '.0f')}; where nothing reaches that, half of it "
+            "is enough of one effect that explains the gap alone. Another effect is not "
             "separable from it if it gains less by no more than the threshold or a tenth, or not "
             "surely less when rooms are drawn anew. A gap counts as explained if what is left, "
             f"less what may be wrong by {number(100 * TAU, '.0f')} % of what effects make, is "

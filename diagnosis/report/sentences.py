@@ -38,7 +38,7 @@ def _where(of: Diagnosis) -> str:
             f"; of the gap {_points(part.image[0])} arise in the images and "
             f"{_points(part.matcher[0])} in matcher and filters"
         )
-    if of.where.rules and abs(of.where.rules[0].gap) > 0.005:
+    if of.where.rules:
         rule = of.where.rules[0]
         said += f"; most where {rule.text} ({_points(rule.gap)} in {_percent(rule.area)})"
     return said + "."

@@ -83,7 +83,7 @@ def section(of: Diagnosis) -> str:
 
 
 def _part(name: str, part: Part, named: Words) -> str:
-    figure = _FIGURES.get(name, _Figure(name, "", 1, ".3g", ""))
+    figure = _FIGURES[name]
 
     def told(value: float | None) -> str:
         if value is None:
@@ -121,7 +121,7 @@ def _part(name: str, part: Part, named: Words) -> str:
 
 def _maps(of: Diagnosis) -> str:
     if not of.where.maps:
-        return prose("One scene alone: a map of what scenes have in common needs two.")
+        return prose("One room alone: a map of what rooms have in common needs two.")
     info = of.shown.ground.info
     parts = [
         prose(

@@ -7,7 +7,6 @@ from html import escape
 
 from calibration.report.elements import counted, number, table
 from diagnosis.diagnosis import Diagnosis
-from diagnosis.named import FEWEST
 from diagnosis.report import groups, sentences
 from diagnosis.report.elements import Bar, chart, prose
 from diagnosis.tell_apart import Told
@@ -140,7 +139,7 @@ def _groups(arm: Found) -> str:
 def _alike(arm: Found) -> str:
     """Which single features are off after, the same way in every scene."""
     found = list(arm.alike.items())
-    if len(arm.bench.subjects) < FEWEST or not found:
+    if not found:
         return ""
     said = (
         f"{counted(len(found), 'feature')} of {len(arm.bench.names)} are off the same way in every "

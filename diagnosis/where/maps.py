@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from diagnosis.ground import Ground, Mask
+from diagnosis.ground import FAR_OFF_PX, Ground, Mask
 from diagnosis.reading import Reading
 from diagnosis.rooms import FEWEST, means
 from sim.scene import Scene
@@ -22,7 +22,6 @@ CAMERA, PROJECTOR = "camera", "projector"
 ROWS, COLUMNS = 18, 32  # Cells of a map.
 _FEWEST = 12  # Pixels of a scene in a cell, or on an object.
 FIELD = 1.0  # Tangent of the half field that a projector's map shows to each side.
-_FAR_OFF_PX = 2.0
 _UNKNOWN = np.full((ROWS, COLUMNS), np.nan)
 
 
@@ -122,7 +121,7 @@ def _gaps(base: Reading, real: Reading, ground: Ground) -> dict[str, NDArray[np.
         found["infrared"] = _counted(ratio, ground.counted)
     before, after = base.depth_px[0].astype(np.float64), real.depth_px[0]
     error = after - before
-    near = np.abs(error) <= _FAR_OFF_PX
+    near = np.abs(error) <= FAR_OFF_PX
     found["error"] = _counted(np.where(near, error, np.nan), ground.counted)
     change = (~np.isfinite(after)).astype(np.float64) - ~np.isfinite(before)
     found["holes"] = _counted(change, ground.counted)

@@ -103,7 +103,7 @@ def rules(
 
 def _confirmed(learnt: float, judged: NDArray[np.float64]) -> bool:
     """Whether rooms (n,) that the tree did not see bear out the gap of a leaf."""
-    if judged.size < 2 or abs(judged.mean()) < max(_LEAST_GAP, 0.5 * abs(learnt)):
+    if judged.size < 2 or judged.mean() * np.sign(learnt) < max(_LEAST_GAP, 0.5 * abs(learnt)):
         return False
     agree = np.mean(np.sign(judged) == np.sign(learnt))
     return bool(agree >= (_LEAST_AGREE if judged.size >= 4 else 1.0))

@@ -55,11 +55,21 @@ def where(subjects: Sequence[Subject]) -> Where:
         for many in (base, real)
     ]
     made_of = [materials(one.scene, one.ground) for one in subjects]
-    several = len(subjects) > 1
+    several = len(set(rooms)) > 1
+    # The surface of an estimated scene is one body, however many things it shows.
+    parted = [number for number, one in enumerate(subjects) if not one.estimates]
+    known = [(subjects[number].name, subjects[number].scene) for number in parted]
     return Where(
         parts=swap.swap(base, real, grounds, rooms),
         maps=tuple(maps.maps(base, real, grounds, rooms)) if several else (),
-        bodies=tuple(maps.bodies([(one.name, one.scene) for one in subjects], base, real, grounds)),
+        bodies=tuple(
+            maps.bodies(
+                known,
+                [base[number] for number in parted],
+                [real[number] for number in parted],
+                [grounds[number] for number in parted],
+            )
+        ),
         rows=tuple(table.table(first, second, grounds, rooms, made_of)),
         off=tuple(table.table(off[0], off[1], grounds, rooms, made_of)),
         rules=tuple(rules.rules(first, second, grounds, rooms)),

@@ -101,8 +101,10 @@ class Found:
 
     @property
     def unexplained(self) -> bool:
-        """Whether more is left than what is named leaves where it is true."""
-        return self.beyond > self.explained_below
+        """Whether more is left than what is named leaves where it is true; not told where no effect
+        was tried.
+        """
+        return bool(self.screen.rough) and self.beyond > self.explained_below
 
 
 def screen(

@@ -30,7 +30,7 @@ Table = NDArray[np.float64]  # (scenes, features); NaN where a feature has too f
 Make = Callable[..., Row | None]  # Of a subject, columns and more.
 
 _BASE = "[]"  # What rows without effects are kept as.
-_BITS = "dropped_bits"  # What a device's own depth differs by from its images' matched again.
+BITS = "dropped_bits"  # What a device's own depth differs by from its images' matched again.
 _OTHERS = (1, 2, 3)  # Devices, and seeds, in which effects are drawn anew,
 _RENDERED = (1,)  # or where each of them has to be rendered, which takes most of the time.
 # What rows follow from: where any of it is another, they are made again.
@@ -38,9 +38,10 @@ _HOUSE = Path(__file__).parents[2]
 _SOURCES = (
     *(_HOUSE / name for name in ("calibration", "patterns", "sim")),
     *(_HOUSE / "diagnosis" / name for name in ("features", "estimated.py", "ground.py")),
-    *(_HOUSE / "diagnosis" / name for name in ("laid_on.py", "nuisances.py", "reading.py")),
-    _HOUSE / "diagnosis" / "subject.py",
-    _HOUSE / "diagnosis" / "which" / "bench.py",
+    *(_HOUSE / "diagnosis" / name for name in ("laid_on.py", "level_curve.py", "moved.py")),
+    *(_HOUSE / "diagnosis" / name for name in ("nuisances.py", "projector_frame.py")),
+    *(_HOUSE / "diagnosis" / name for name in ("reading.py", "subject.py", "which/bench.py")),
+    _HOUSE / "diagnosis" / "within_codes.py",
 )
 
 
@@ -251,7 +252,7 @@ def bench(
 
     Args:
         subjects: at least one; all of one sensor.
-        arm: image or depth.
+        arm: that is asked about.
         cache: folder that keeps what is simulated, for other runs.
         crew: who simulates; None: this process.
     """
@@ -281,8 +282,8 @@ def simulated_row(
         row = _row(_simulated(of, columns.arm, settings, seed), of, columns)
     except InputError:
         return None
-    if columns.arm is Arm.DEPTH and _BITS in settings:
-        bits = {_BITS: settings[_BITS]}
+    if columns.arm is Arm.DEPTH and BITS in settings:
+        bits = {BITS: settings[BITS]}
         row += finer_row(of, columns, bits, seed) - finer_row(of, columns, {}, seed)
     return row
 

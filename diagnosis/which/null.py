@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,12 +14,14 @@ from diagnosis.which.candidates import Arm
 from diagnosis.which.fit import fit
 from diagnosis.which.likelihood import TAU, Likelihood
 from diagnosis.which.signature import Signature
+from sim.effects.effect import Value
 from sim.statistics import mean_known
 
 SEEDS = 8
 FLOOR = 0.02  # What the simulator is taken to be wrong by in every feature, in its own unit.
 _SPOT = "lens_blur"  # No model has its shape right: what it makes is wrong by a share.
 _DEVICE = 10  # From which devices are counted.
+_BESIDE = 1000  # From one seed to that of what it is compared with.
 LEAST_GAIN = 12.0  # Below this no effect is believed, whatever the nulls say.
 
 
@@ -99,6 +101,41 @@ def base(bench: Bench, *, seeds: int = SEEDS) -> Base:
     for one in wrong:
         floor = np.hypot(floor, np.nan_to_num(one))
     return dataclasses.replace(made, floor=floor)
+
+
+def another(
+    bench: Bench, of: Base, settings: Mapping[str, Value], *, number: int
+) -> tuple[Base, Table] | None:
+    """What stands for a capture with effects in it, and the base that it is then compared with.
+
+    It is another device's, as what is drawn by lot is each device's own; of one whose depth is
+    compared with its own, that one's. What is laid onto captured images has their noise: both sides
+    get one more exposure's. None where the effects cannot be set.
+
+    Args:
+        bench: scenes and arm.
+        of: their base.
+        settings: value by effect.
+        number: of the device and of the noise's seed.
+    """
+    compared, arm = of.against is not None, bench.arm
+    if arm is Arm.IMAGE or (arm is Arm.WHOLE and not compared):
+        found = bench.another(settings, number=number)
+    else:
+        found = bench.simulated(settings, seed=number)
+    if found is None:
+        return None
+    if arm is Arm.DEPTH and len(of.tables) > 1:
+        found = found + bench.finer(seed=number)
+    beside = of.tables[-1]
+    if arm is Arm.WHOLE and compared:
+        other = bench.simulated({}, seed=number + _BESIDE)
+        assert other is not None
+        beside = other
+    if arm is Arm.IMAGE and of.against is not None:
+        found = found - of.against + bench.exposed(seed=number)
+        beside = bench.exposed(seed=number + _BESIDE)
+    return of.drawn(beside), found
 
 
 def _of(tables: NDArray[np.float64], against: Table | None) -> Base:

@@ -112,6 +112,23 @@ def test_families_that_are_asked_for_are_tried_alone(place, diagnosed):
     assert tried == {"veil", "vignetting"}
 
 
+def test_where_no_family_acts_that_is_asked_for_nothing_is_told(place, diagnosed, tmp_path, capsys):
+    """Another matcher's depth is no verdict on effects of images."""
+    shutil.copytree(place / "null", tmp_path / "sets" / "null")
+    locked = with_values(sensor(), [("matcher.refinement.locking_px", LOCKING_PX)])
+    own_depth.write(tmp_path / "sets", locked)
+    told = diagnosed(tmp_path / "sets" / "null", "--families", "tone_curve")
+    assert told["verdict"] == "no gap" and not told["which"]["depth"]["unexplained"]
+    assert told["which"]["depth"]["beyond"] > told["which"]["depth"]["explained_below"]
+    assert any("acts on matcher and filters" in limit for limit in told["limits"])
+    flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
+    for family in ("pixel_locking", "rolling_shutter"):  # Of depth, and of nothing at all.
+        asked = ["diagnose", str(place / "null"), *flags, "--families", family]
+        assert starling.main(asked) == 1
+        said = f"families must have an effect that acts on what these captures hold; got {family}."
+        assert said in capsys.readouterr().err
+
+
 def test_of_no_gap_nothing_is_named(place, diagnosed):
     told = diagnosed(place / "null")
     assert told["verdict"] == "no gap" and told["effects"] == [] and told["howfar"] == {}

@@ -208,6 +208,16 @@ def test_a_capture_that_tells_is_found(place):
     assert tell_apart(one, {"veil": 0.05}, {"exposure": -1.0}, Arm.IMAGE, menu=menu[:1]) == []
 
 
+def test_bits_that_a_matcher_alone_reads_are_told_from_none(place):
+    one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
+    as_is = [each for each in MENU if "exposed twice" in each.text]
+    base = sensor().left.dropped_bits
+    (told,) = tell_apart(one, {"dropped_bits": base + 2}, {}, Arm.DEPTH, menu=as_is)
+    assert told.deviations > 1
+    (told,) = tell_apart(one, {"dropped_bits": base}, {}, Arm.DEPTH, menu=as_is)
+    assert told.deviations == 0
+
+
 def test_at_a_wall_the_camera_moves_and_light_is_as_in_the_scene(place):
     one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
     wall = [each for each in MENU if "wall" in each.text]

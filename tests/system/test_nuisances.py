@@ -63,6 +63,16 @@ def test_where_the_first_frame_has_depth_alone_another_tells(warm, tmp_path):
     assert known.ambient == all_known.ambient
 
 
+def test_without_dots_ambient_light_is_not_fitted(warm, tmp_path):
+    off = with_values(SENSOR, [("projector.power_w", 0.0)])
+    assert nuisances.fitted(warm, estimated.scene(warm, off)[0], off) == {}
+    whole = shutil.copytree(warm.path.parent, tmp_path / "set")
+    for image in whole.rglob("ir_*.png"):
+        image.unlink()
+    (blind,) = capture.open_set(whole).scenes
+    assert nuisances.fitted(blind, estimated.scene(blind, SENSOR)[0], SENSOR) == {}
+
+
 def test_dots_of_another_pattern_or_none_tell_no_scale(warm, tmp_path):
     scene, _ = estimated.scene(warm, SENSOR)
     for path, value in (("projector.pattern_seed", 3), ("projector.power_w", 0.0)):

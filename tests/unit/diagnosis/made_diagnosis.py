@@ -67,7 +67,7 @@ def found(searched: search.Search, *, arm: Arm = Arm.IMAGE, leads: Leads = ((), 
         bench=Bench(made.FakeBench.subjects, Columns(arm=arm, names=names, ceiling=255)),
         screen=Screen(
             base=made.BASE,
-            rough=(),
+            rough=tuple(made.SIGNATURES),
             weight=0.5 * made.ONES,
             folds=tuple(made.HELD),
             threshold=12.0,

@@ -1,4 +1,4 @@
-"""Which scenes hold what most hold."""
+"""Which scenes hold what the most frequent kind holds."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def scene(held: tuple[int, int]) -> Any:
         ([DEPTH], [DEPTH]),
     ],
 )
-def test_scenes_that_hold_less_than_most_are_left_aside(held, kept):
+def test_scenes_that_hold_less_than_the_others_are_left_aside(held, kept):
     asked, aside = complete([scene(one) for one in held])
     assert [one.held for one in asked] == kept
     assert sorted(one.held for one in (*asked, *aside)) == sorted(held)

@@ -10,6 +10,7 @@ import pytest
 
 from diagnosis.limits import limits_of
 from diagnosis.nuisances import SCALE, Nuisance
+from diagnosis.which.candidates import Arm
 from sim import sensors
 from sim.imager.exposure import Exposure
 from sim.sensor import Sensor
@@ -42,7 +43,7 @@ def scene(name: str = "a", *, room: str = "", sensor: Sensor = SENSOR, **real: A
 
 
 def told(*scenes: Any, device: str = SENSOR.name, locked: bool = True, **others: Any) -> str:
-    asked = {"aside": (), "incomplete": (), "families": None} | others
+    asked = {"aside": (), "incomplete": (), "families": None, "untried": ()} | others
     return " ".join(limits_of(device, scenes, locked=locked, **asked))
 
 
@@ -69,16 +70,22 @@ def test_every_lack_has_its_sentence():
     assert "No depth of the device's own of a:" in told(scene(device_px=None), scene("b"))
     assert "Repeats of b differ" in told(scene(), scene("b", moved=True))
     assert "left aside: c." in told(scene(), scene("b"), aside=["c"])
-    assert "Most scenes hold infrared pairs and depth" in told(scene(), incomplete=["c"])
-    assert "hold infrared pairs; these" in told(scene(device_px=None), incomplete=["c"])
+    assert "scenes that hold infrared pairs and depth" in told(scene(), incomplete=["c"])
+    assert "hold infrared pairs; these" in told(scene(), scene(device_px=None), incomplete=["c"])
     assert "hold depth of the device's own; these" in told(scene(left=None), incomplete=["c"])
     assert "families were tried: gain, veil." in told(scene(), families=["veil", "gain"])
+    text = told(scene(), families=["veil"], untried=[Arm.DEPTH])
+    assert "veil. None of them acts on matcher and filters:" in text
     lit = scene("b")
     lit.scene.ambient, lit.frames = 3.0, 1
-    assert "differ in ambient" in told(scene(), lit) and "One frame" in told(lit)
+    assert "differ in ambient" in told(scene(), lit) and "One frame alone:" in told(lit)
+    assert "One frame of b alone:" in told(scene(), lit)
     lit.estimates = (1,)
     text = told(scene(), lit)
-    assert "Reflectance and ambient" in text and "differ in ambient" not in text
+    assert "were estimated from these images" in text and "differ in ambient" not in text
+    lit.real.left = None
+    text = told(lit, scene())
+    assert "one of each was supposed" in text and "these images" not in text
 
 
 def test_what_was_fitted_to_each_scene_is_told_and_where_dots_are_another_patterns():
@@ -88,7 +95,7 @@ def test_what_was_fitted_to_each_scene_is_told_and_where_dots_are_another_patter
     text = told(first, second)
     assert "by itself: ambient 0.1 to 0.25, pattern_scale 0.9985. So these are" in text
     assert "Dots" not in text
-    second.against = first
+    second.against = SimpleNamespace(exposure=None, moved=False)
     assert "Effects depart from that." in told(first, second)
     first.estimates = second.estimates = (1,)
     assert "Dots of b are not where this sensor's pattern has them" in told(first, second)
@@ -111,3 +118,22 @@ def test_exposures_that_frames_tell_of_are_compared_with_the_sensors(times, says
         text = told(*scenes)
         assert ("expos" in text or "frame.json" in text) == bool(says and one is fixed)
         assert not says or one is not fixed or says in text
+
+
+def test_of_two_sets_the_sensor_is_checked_against_the_other():
+    """It is that one's; what the diagnosed captures differ by is the gap."""
+    fixed = with_values(SENSOR, [("imager.auto_exposure_level", 0.0)])
+    own = Exposure(exposure_s=fixed.left.exposure_s, gain=fixed.left.gain)
+    long = Exposure(exposure_s=2 * fixed.left.exposure_s, gain=fixed.left.gain)
+
+    def pair(real: Exposure, other: Exposure, *, moved: bool = False) -> Any:
+        one = scene("b", sensor=fixed, exposure=real)
+        one.against = SimpleNamespace(exposure=other, moved=moved)
+        return one
+
+    assert "frame.json" not in told(pair(long, own))
+    assert "frame.json tells of" in told(pair(own, long))
+    assert "Repeats of b differ" in told(pair(own, own, moved=True))
+    assert "The other set's captures say that they are of a d415" in told(
+        pair(own, own), device="d415"
+    )

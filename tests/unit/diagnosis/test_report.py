@@ -252,7 +252,7 @@ def test_captures_that_cannot_tell_are_a_verdict():
     text = Reader(page(one)).text
     assert "These captures cannot tell" in text and "One room alone: nothing can" in text
     assert "say in what is named" not in text
-    assert "No effect was tried" in text and "One scene alone" in text
+    assert "No effect was tried" in text and "One room alone: a map" in text
     assert "was not judged: no scene is locked" in text
     assert "1 scene, attic." in text and "None is locked away" in text
 

@@ -234,6 +234,26 @@ def test_no_rule_is_made_of_noise_that_other_scenes_do_not_confirm():
     )
 
 
+def test_no_rule_is_confirmed_by_rooms_that_say_the_opposite_on_average():
+    """Three of four rooms have hardly fewer holes there, and one has many more."""
+    near = GROUND.covariates["x"].where("left")
+    rng = np.random.default_rng(0)
+
+    def with_gap(gap: float) -> np.ndarray:
+        found = rng.random(DISPARITY.shape) < 0.4
+        drawn = near & (rng.random(DISPARITY.shape) < abs(gap) / (0.4 if gap < 0 else 0.6))
+        return found & ~drawn if gap < 0 else found | drawn
+
+    def of(judging: list[float]) -> list[rules.Rule]:
+        gaps = [one for judged in judging for one in (-0.2, judged)]
+        first, second = ([with_gap(each) for each in many] for many in ([0] * len(gaps), gaps))
+        rooms = [f"room {number}" for number in range(len(gaps))]
+        return rules.rules(first, second, [GROUND] * len(gaps), rooms)
+
+    assert any("x < 0.33" in rule.text for rule in of([-0.2, -0.2, -0.2, 0.05]))
+    assert not any("x < 0.33" in rule.text for rule in of([-0.02, -0.02, -0.02, 0.6]))
+
+
 def test_rules_of_few_rooms_are_confirmed_by_none():
     near = GROUND.covariates["x"].where("left")
     first = [holes(scene) for scene in range(SCENES)]
