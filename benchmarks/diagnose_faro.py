@@ -49,10 +49,13 @@ def main() -> None:
     whole = Path(os.environ["STARLING_CAPTURES"]) / asked.set
     part = asked.out / "captures"
     if not part.exists():
-        chosen(whole, part, asked.rooms)
+        aside = asked.out / ".captures"  # Named last: what is half done is done again.
+        shutil.rmtree(aside, ignore_errors=True)
+        chosen(whole, aside, asked.rooms)
         if asked.bounds:
-            for scene in capture.open_set(part).scenes:
+            for scene in capture.open_set(aside).scenes:
                 bound(scene)
+        aside.rename(part)
     emitter = "off" if asked.off else None
     sensor = asked_sensor.load(asked.sensor, captures=str(part), emitter=emitter)
     with progress.on_stderr() as tell:

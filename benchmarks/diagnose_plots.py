@@ -125,7 +125,9 @@ def groups(reports: Reports) -> bytes:
     figure = canvas.empty(size, DPI, layout="constrained")
     rows = figure.subplots(len(arms), len(reports), squeeze=False, sharey="row")
     for row, arm in zip(rows, arms, strict=True):
-        told = {name: one["which"][arm]["by_group"] for name, one in reports.items()}
+        told = {
+            name: one["which"].get(arm, {}).get("by_group", {}) for name, one in reports.items()
+        }
         known = {name for by_group in told.values() for name in by_group}
         names = sorted(known, key=lambda name: -_largest(told.values(), name))[:GROUPS]
         row[0].set_yticks(range(len(names)), [told_as(name) for name in names], fontsize=8)

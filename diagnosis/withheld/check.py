@@ -24,6 +24,8 @@ from diagnosis.withheld.source import Source
 from diagnosis.withheld.tier import Tier
 from diagnosis.withheld.verdict import Arm
 
+POWER = 1  # The tier of which it is asked: images and depth, and no other matcher's.
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Check:
@@ -51,8 +53,9 @@ class Check:
         if self.tier.arm == "image" and not self.infrared:
             rule, advice = "must have infrared", "Leave --no-infrared away."
             raise refusal(f"tier {self.tier.number}", rule, "none", advice)
-        if self._real and self.power:
-            raise refusal("power", "must be asked of rendered light", "tier 4", "Ask tier 1.")
+        if self.power and self.tier.number != POWER:
+            got = f"tier {self.tier.number}"
+            raise refusal("power", f"must be asked of tier {POWER}", got, "Ask that.")
 
     @property
     def sets(self) -> list[SceneSet]:
@@ -107,7 +110,7 @@ class Check:
                 verdicts and no seal, light or pairs are of something else, or the detection limits
                 cannot be read.
         """
-        self._left_out((), singles)  # Refuses what no tier can draw.
+        self.tier.drawn(singles)  # Refuses what no tier can draw.
         self._each(_prepare, [(one,) for one in self.sets])
         families = self._families()
         told = {seal.FAMILIES: families, seal.ASKED: self._asked(singles)}
@@ -199,7 +202,7 @@ class Check:
             "infrared": self.infrared,
             "power": self.power,
             "captures": self.captures and seal.content(self.captures),
-            "sensor": self.sensor and seal.content(Path(self.sensor)),
+            "sensor": self.sensor and seal.of_sensor(Path(self.sensor)),
         }
         return json.dumps(told, indent=1).encode()
 

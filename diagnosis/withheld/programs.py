@@ -109,7 +109,10 @@ def diagnose(
         path = out / ".without"
         path.write_text(json.dumps(dict(without)), encoding="utf-8")
         arguments += ["--without", str(path)]
-    _run("diagnosis.batch", arguments)
+    try:
+        _run("diagnosis.batch", arguments)
+    finally:
+        (out / ".without").unlink(missing_ok=True)  # Nothing that tells stays beside captures.
 
 
 def _run(module: str, arguments: Sequence[str]) -> None:

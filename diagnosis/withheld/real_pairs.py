@@ -93,9 +93,12 @@ class RealPairs:
             WithheldError: if there are too few scenes, one is damaged or lacks an infrared pair, or
                 what is there is of other captures, another sensor or code.
         """
-        of = {"captures": self.captures, "sensor": Path(self.believed)}
         there = self.against.exists()
-        seal.made(self.folder, {name: seal.content(path) for name, path in of.items()}, there=there)
+        of = {
+            "captures": seal.content(self.captures),
+            "sensor": seal.of_sensor(Path(self.believed)),
+        }
+        seal.made(self.folder, of, there=there)
         if not there:
             shutil.rmtree(self._nominal.parent, ignore_errors=True)
             programs.camera(self._nominal.parent, self.captures, self.believed)

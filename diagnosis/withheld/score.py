@@ -66,6 +66,7 @@ def score(
         "unknown_recall_left_out": figure(left_out, lambda one: one.unknown),
         "unknown_recall_family": figure(family_alone, lambda one: one.unknown),
         "unknown_false": figure(known, lambda one: one.unknown),
+        "unknown_false_effects": figure([*of["single"], *of["pair"]], lambda one: one.unknown),
         **_closed([*of["single"], *of["pair"]]),
     }
     scores = {key: one.value for key, one in figures.items()}

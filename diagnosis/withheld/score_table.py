@@ -28,6 +28,7 @@ _WORDS = {
     "unknown_recall_left_out": "unknown effects: of those left out with their twins",
     "unknown_recall_family": "unknown effects: of those left out without twins",
     "unknown_false": "others: said to be unknown",
+    "unknown_false_effects": "one or two effects: said to be unknown",
     "closed_pct": "one or two effects: gap closed, median [%]",
     "closed_not_identifiable": "one or two effects: named, closing not told",
 }

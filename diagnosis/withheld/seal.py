@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ MADE = "made.json"  # Of what and by which code a source's folder is made.
 _ROOT = Path(__file__).parents[2]
 _PACKAGES = ("calibration", "diagnosis", "learning", "patterns", "sim")
 _SUFFIXES = (".py", ".json", ".toml")
+_PICTURE = re.compile(r'"([^"\n]+\.png)"')
 
 
 def seal(cases: Sequence[Case], told: Mapping[str, bytes], hidden: Path, public: Path) -> str:
@@ -37,7 +39,7 @@ def seal(cases: Sequence[Case], told: Mapping[str, bytes], hidden: Path, public:
     Args:
         cases: The cases drawn.
         told: Content of `FAMILIES` and `ASKED`.
-        hidden: Folder that the diagnosis cannot read; made where there is none.
+        hidden: Folder that the diagnosis is not told of; made where there is none.
         public: Folder for the SHA-256; made where there is none.
 
     Returns:
@@ -181,6 +183,16 @@ def content(path: Path) -> str:
     files = sorted(one for one in path.rglob("*") if one.is_file())
     each = [f"{digest(one.read_bytes())}  {one.relative_to(path)}\n" for one in files]
     return digest("".join(each).encode()) if files else path.name
+
+
+def of_sensor(believed: Path) -> str:
+    """SHA-256 of a sensor file and the pictures of patterns that it names; of a preset the name."""
+    if not believed.is_file():
+        return content(believed)
+    text = believed.read_bytes()
+    named = sorted(set(_PICTURE.findall(text.decode())))
+    pictures = [content(believed.parent / name) for name in named]
+    return digest(" ".join([digest(text), *pictures]).encode())
 
 
 def _write(path: Path, content: bytes) -> None:

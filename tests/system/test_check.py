@@ -22,8 +22,6 @@ from diagnosis import (
     captured_camera,
     check_camera,
     detection,
-    families,
-    light_sets,
     named,
     own_depth,
 )
@@ -36,44 +34,16 @@ from diagnosis.withheld.errors import WithheldError
 from diagnosis.withheld.real_pairs import RealPairs
 from diagnosis.withheld.rendered import Rendered
 from sim import capture, sensors
+from tests.system.small_check import IN_PROCESS, NEUTRAL, SMALL, STRONG, TRIED
 
-TRIED = ("gamma", "vignetting", "read_noise", "black_level", "median", "pixel_locking")
-STRONG = {
-    "gamma": 0.2,
-    "vignetting": 1.5,
-    "read_noise": 20.0,
-    "black_level": 4.0,
-    "pixel_locking": 0.08,
-}
-SMALL = tier.Tier(
-    number=1,
-    source="starling",
-    matcher="starling",
-    first=60,
-    sets=2,
-    scenes=4,
-    width=160,
-    height=90,
-    counts={"single": 10, "null": 6, "pair": 2, "unknown": 4},
-    left_out=2,
-)
 RUN = programs._run
-IN_PROCESS = {
-    "diagnosis.light_sets": light_sets.main,
-    "diagnosis.captured_camera": captured_camera.main,
-    "diagnosis.own_depth": own_depth.main,
-    "diagnosis.detection": detection.main,
-    "diagnosis.families": families.main,
-    "diagnosis.batch": batch.main,
-}
+TOLD: list[tuple[Path, bytes]] = []  # All but pictures that a diagnosis of cases was shown.
 
-_NEUTRAL = {
-    "gamma": 1.0,
-    "vignetting": 0.0,
-    "read_noise": 5.0,
-    "black_level": 4.0,
-    "pixel_locking": 0.0,
-}
+
+def _told(folder: Path) -> list[tuple[Path, bytes]]:
+    """Files below the folders of cases, by their path there, and those beside them."""
+    files = [one for one in folder.rglob("*") if one.is_file() and one.suffix != ".png"]
+    return [(Path(*one.relative_to(folder).parts[1:]), one.read_bytes()) for one in files]
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +71,9 @@ def patched() -> Any:
     patch.setattr(RealPairs, "effects", property(lambda self: told(self) & shown))
 
     def run(module: str, arguments: Sequence[str]) -> None:
+        if module == "diagnosis.batch" and "--without" not in arguments:
+            for folder in map(Path, arguments[:2]):
+                TOLD.extend(_told(folder))
         assert IN_PROCESS[module](arguments) == 0
 
     patch.setattr(programs, "_run", run)
@@ -113,7 +86,7 @@ def done(patched: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Check,
     folder = tmp_path_factory.mktemp("check")
     told = folder / "limits.json"
     found = {
-        name: {"base": _NEUTRAL[name], "below": None, "above": value}
+        name: {"base": NEUTRAL[name], "below": None, "above": value}
         for name, value in _values().items()
     }
     told.write_text(json.dumps(found))
@@ -126,7 +99,7 @@ def done(patched: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Check,
 
 def _values() -> dict[str, float]:
     """Strengths that are surely found, as values."""
-    return {name: _NEUTRAL[name] + STRONG[name] for name in STRONG}
+    return {name: NEUTRAL[name] + STRONG[name] for name in STRONG}
 
 
 def test_most_is_named_and_nothing_where_nothing_is(done):
@@ -144,8 +117,12 @@ def test_the_diagnosis_is_shown_captures_alone(done):
     one, _ = done
     for each in one.sets:
         assert not (each.folder / "cases").exists()  # Taken away with the last verdict.
-        text = "".join(path.read_text() for path in each.folder.rglob("*.toml"))
-        assert "gamma" not in text.replace("imager.gamma", "").replace("gamma = 1.0", "")
+        assert not (each.folder / ".without").exists()
+    shown: dict[Path, set[bytes]] = {}
+    for path, content in TOLD:
+        shown.setdefault(path, set()).add(content)
+    assert {"capture.toml", "scene.toml"} <= {path.name for path in shown}
+    assert all(len(contents) == 1 for contents in shown.values())  # Of all cases the same.
     assert {path.name for path in one.hidden.iterdir()} == {seal.TRUTH}
 
 
@@ -228,6 +205,8 @@ def test_without_infrared_depth_alone_is_diagnosed(done, tmp_path):
     cases = bare.prepared()
     bare.diagnosed(cases)
     assert bare.scored(cases)["false_alarm"] == 0
+    (answer,) = bare.sets[0].answered(cases)
+    assert set(answer.verdict.unexplained) == {"whole"}
     assert bare.place == tmp_path / "depth alone" and (bare.place / seal.SEAL).exists()
 
 
@@ -297,7 +276,10 @@ def test_real_pairs_are_for_their_own_tier(tmp_path, capsys):
     assert program.main([*base, *asked, "--no-infrared"]) == 1
     assert "must have infrared" in capsys.readouterr().err
     assert program.main([*base, *asked, "--power"]) == 1
-    assert "power must be asked of rendered light" in capsys.readouterr().err
+    assert "power must be asked of tier 1; got tier 4." in capsys.readouterr().err
+    assert program.main([str(tmp_path / "run"), "--power", "--cases", "0"]) == 1
+    assert "cases must be >= 1; got 0" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
     assert program.main([*base, *asked, "--jobs", "0"]) == 1
     assert "jobs must be >= 1; got 0" in capsys.readouterr().err
     assert captured_camera.main([str(tmp_path / "camera"), *asked]) == 1
@@ -370,8 +352,13 @@ def test_other_scenes_are_not_one_batch(done, tmp_path, capsys):
         shoot.shoot(each.source.light, null, tmp_path / "cases" / str(number), frames=1)
     sensor = sensors.load(str(one.sets[0].source.sensor))
     own_depth.write(tmp_path / "cases", sensor)
-    assert capture.open_set(tmp_path / "cases" / "0").scenes[0].frame(0).depth_m is not None
+    unknown = shutil.copytree(tmp_path / "cases" / "0", tmp_path / "unknown" / "0")
+    for path in unknown.rglob("scene.toml"):
+        path.unlink()
     flags = ["--sensor", str(one.sets[0].source.sensor)]
+    assert batch.main([str(tmp_path / "unknown"), str(tmp_path / "out"), *flags]) == 1
+    assert "must have a scene.toml each, or others that they are" in capsys.readouterr().err
+    assert capture.open_set(tmp_path / "cases" / "0").scenes[0].frame(0).depth_m is not None
     assert batch.main([str(tmp_path / "cases"), str(tmp_path / "out"), *flags]) == 1
     assert "same in all" in capsys.readouterr().err
     assert batch.main([str(tmp_path), str(tmp_path / "out"), *flags]) == 1
@@ -395,3 +382,8 @@ def test_other_scenes_are_not_one_batch(done, tmp_path, capsys):
     (tmp_path / "cases" / "0" / "clutter-60" / "0" / "ir_left.png").unlink()
     (tmp_path / "cases" / "0" / "clutter-60" / "0" / "depth.png").unlink()
     assert own_depth.main([str(tmp_path / "cases"), *flags]) == 1
+
+
+def test_two_sets_at_once_are_made_by_two_processes(done):
+    one, cases = done
+    assert dataclasses.replace(one, jobs=2).prepared() == tuple(cases)

@@ -78,15 +78,22 @@ def test_exposed_again_it_differs_as_two_readings_do(real: Nominal) -> None:
         ("veil", 0.1),
     ],
 )
-def test_noise_stays_as_photon_transfer_has_it(name: str, value: float, real: Nominal) -> None:
-    """Rationale: a lens blurs light and not noise; a picture that is blurred has less."""
+@pytest.mark.parametrize("again", [False, True], ids=["as captured", "exposed again"])
+def test_noise_stays_as_photon_transfer_has_it(
+    name: str, value: float, again: bool, real: Nominal
+) -> None:
+    """Rationale: a lens blurs light and not noise; a picture that is blurred has less. One more
+    exposure brings as much again.
+    """
     outs = []
     for frame in (0, 1):  # Their difference is noise alone.
         image = _flat(real, seed=frame)
-        pair = inject.inject(image, image, {name: value}, real, seed=5, frame=frame)
+        pair = inject.inject(
+            image, image, {name: value}, real, seed=5, frame=frame, exposed_again=again
+        )
         outs.append(pair.right[20:80, 20:130].astype(float) - 10.0)
     level = 0.5 * (outs[0] + outs[1]).mean()
-    variance = 0.05 * level + 1.5**2 + 1 / 12
+    variance = (1 + again) * (0.05 * level + 1.5**2) + 1 / 12
     assert (outs[0] - outs[1]).var() / 2 == pytest.approx(variance, rel=0.08)
 
 

@@ -48,7 +48,7 @@ def test_strangers_do_not_match() -> None:
 
 
 def test_depth_of_the_small_scene(take, light: Light, camera: Nominal) -> None:
-    """Results: fill above nine tenths of what can have depth; median error below 0.1 px."""
+    """Results: fill above eight tenths of what can have depth; bias below 0.1 px."""
     pair: Pair = take(projector_power=0.45)
     z = matcher.depth(pair.left, pair.right, camera)
     assert z.dtype == np.float32
@@ -73,7 +73,7 @@ def test_an_offset_of_the_right_image_takes_disparity_away(
 
 
 def test_wide_search_on_full_size_is_quick() -> None:
-    """640 x 360 at 128 disparities: below 1.5 s of one core, with room for a slow machine here."""
+    """640 x 360 at 128 disparities: seconds of one core, on a slow machine too."""
     image = _textured((360, 640))
     start = time.process_time()
     matcher.match(image, np.roll(image, -30, 1))

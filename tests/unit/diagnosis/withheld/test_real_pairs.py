@@ -80,12 +80,11 @@ def test_cases_hold_infrared_alone_and_tell_nothing(pairs: RealPairs, tmp_path: 
 def test_a_null_differs_by_noise(pairs: RealPairs, tmp_path: Path) -> None:
     pairs.prepare()
     pairs.take([Case(number=1, kind="null", seed=5)], tmp_path)
-    name = capture.open_set(pairs.against).scenes[0].name
     one, other = (
         capture.open_set(path).scenes[0].frame(0).ir_right
         for path in (tmp_path / "001", pairs.against)
     )
-    assert one is not None and other is not None and name in str(pairs.against / name)
+    assert one is not None and other is not None
     apart = one.astype(float) - other
     assert abs(apart.mean()) < 0.1 and 1 < apart.std() < 3
 

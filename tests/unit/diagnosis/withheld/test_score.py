@@ -252,6 +252,19 @@ def test_intervals_of_few_sets_cover_what_they_say(right: float, cases: int) -> 
     assert np.mean(covered) >= 0.93
 
 
+def test_intervals_of_sets_that_differ_cover_what_they_say() -> None:
+    """Cases of a set are alike: percentiles that are not taken farther out cover 0.90."""
+    rng = np.random.default_rng(0)
+    scenes = tuple(np.arange(24) % 6)
+    covered = []
+    for _ in range(300):
+        values = rng.standard_normal(6)[np.array(scenes)] + 0.3 * rng.standard_normal(24)
+        ends = Figure(values=tuple(values), scenes=scenes).interval(range(6))
+        assert ends is not None
+        covered.append(ends[0] <= 0 <= ends[1])
+    assert 0.93 <= np.mean(covered) <= 0.99
+
+
 def test_bootstrap_of_scores(effect: Make, say: Make, answer: Make, camera: Nominal) -> None:
     blur = {"lens_blur": 0.8}
     right, wrong = say("effects", effect("lens_blur", 0.8)), say("effects", effect("gain"))

@@ -10,11 +10,6 @@ from diagnosis.withheld.errors import WithheldError
 from diagnosis.withheld.tier import TIERS
 
 
-def test_a_tier_draws_its_own_number_unasked():
-    for tier in TIERS.values():
-        assert tier.drawn(None) == (dict(tier.counts), tier.left_out)
-
-
 @pytest.mark.parametrize("number", TIERS)
 def test_other_numbers_are_in_proportion_and_no_case_too_many(number: int):
     tier = TIERS[number]

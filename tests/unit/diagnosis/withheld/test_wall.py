@@ -33,6 +33,7 @@ STANDARD = {
     "multiprocessing",
     "os",
     "pathlib",
+    "re",
     "shutil",
     "subprocess",
     "sys",

@@ -1,0 +1,42 @@
+"""A small check: few scenes, few effects, tiny images, and strengths that are surely found."""
+
+from __future__ import annotations
+
+from diagnosis import batch, captured_camera, detection, families, light_sets, own_depth
+from diagnosis.withheld import tier
+
+TRIED = ("gamma", "vignetting", "read_noise", "black_level", "median", "pixel_locking")
+STRONG = {
+    "gamma": 0.2,
+    "vignetting": 1.5,
+    "read_noise": 20.0,
+    "black_level": 4.0,
+    "pixel_locking": 0.08,
+}
+SMALL = tier.Tier(
+    number=1,
+    source="starling",
+    matcher="starling",
+    first=60,
+    sets=2,
+    scenes=4,
+    width=160,
+    height=90,
+    counts={"single": 10, "null": 6, "pair": 2, "unknown": 4},
+    left_out=2,
+)
+IN_PROCESS = {
+    "diagnosis.light_sets": light_sets.main,
+    "diagnosis.captured_camera": captured_camera.main,
+    "diagnosis.own_depth": own_depth.main,
+    "diagnosis.detection": detection.main,
+    "diagnosis.families": families.main,
+    "diagnosis.batch": batch.main,
+}
+NEUTRAL = {
+    "gamma": 1.0,
+    "vignetting": 0.0,
+    "read_noise": 5.0,
+    "black_level": 4.0,
+    "pixel_locking": 0.0,
+}
