@@ -120,11 +120,15 @@ HAZE = Effect(
         ),
     ),
     imitates="A diffractive element, a lens or a window that scatters: light between the dots.",
-    law="E = (1 - share) E_dots + share times E_dots' mean over the projector's field.",
+    law=(
+        "E = (1 - share) E_pattern + share times E_pattern's mean over the projector's field. A "
+        "preset's generated pattern sends 0.3 of its light evenly already; one that calibration "
+        "recovers, none."
+    ),
     shows=(
         "Infrared: light between the dots that falls off with distance as they do, as ambient "
-        "light does not: near dots stand out less. 0.6: half of the dots' contrast; noise 0.093 "
-        "to 0.098 px, holes 3.7 to 3.9 %."
+        "light does not: near dots stand out less. 0.6: less than half of the dots' contrast; "
+        "noise 0.088 to 0.096 px, holes 3.6 to 3.8 %."
     ),
     confused_with=("veil", "ambient", "projector_power", "dot_blur", "subsurface"),
     source=(

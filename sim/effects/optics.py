@@ -190,8 +190,8 @@ VERTICAL_OFFSET = Effect(
     law="The right image lies lower by offset_px: the left-right correlation peaks there.",
     shows=(
         "Left against right: the correlation's peak is off the row. Depth: a bias that depends on "
-        "the texture (-0.07 px at 1 px), noise (0.24 px at 1 px, 0.31 at 1.5), then holes. Dots "
-        "drawn out along the diagonals bias opposite corners alike: 0.3 to 0.8 px at 1.5 px, too "
+        "the texture (-0.06 px at 1 px), noise (0.41 px at 1 px, 0.58 at 1.5), then holes. Dots "
+        "drawn out along the diagonals bias opposite corners alike: 0.6 to 1.4 px at 1.5 px, too "
         "near at upper left and lower right, too far at the others."
     ),
     confused_with=("pitch", "roll"),
@@ -229,9 +229,9 @@ PITCH = Effect(
     imitates="One imager that looks higher than the other.",
     law="The image moves down by f angle (1 + y^2 / f^2) and sideways by x y angle / f.",
     shows=(
-        "As vertical_offset (0.2 deg is 1.5 px for a D435: noise 0.29 px, 3 % holes) but for the "
-        "corners: the shift sideways, which grows with x y, takes away most of the bias that dots "
-        "drawn out along the diagonals make there."
+        "As vertical_offset (0.2 deg is 1.5 px for a D435: noise 0.44 px, 5 % holes) but for the "
+        "corners: the shift sideways, which grows with x y, takes away a quarter of the bias that "
+        "dots drawn out along the diagonals make there."
     ),
     confused_with=("vertical_offset", "roll"),
     source=_SELF_CALIBRATION,
