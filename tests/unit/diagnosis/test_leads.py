@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from diagnosis.ground import COVARIATES
 from diagnosis.report import sentences
 from diagnosis.which.left import alike, by_group, leads
 from diagnosis.which.likelihood import Likelihood, by_scene
 from tests.unit.diagnosis.made_diagnosis import NAMED, found
+from tests.unit.diagnosis.test_features import GROUND
 
 NAMES = ("level.x.left", "level.x.right", "dots.x.left", "dots.x.right", "holes", "time")
 
@@ -89,3 +91,7 @@ def test_what_is_off_the_same_way_in_every_scene():
     table[0, 3] = np.nan
     weight = np.full(len(NAMES), 0.5)
     assert alike(NAMES, table, weight) == {"holes": [-5, -6, -7, -8], "dots.x.left": [3, 4, 2, 3]}
+
+
+def test_all_ways_to_part_a_scene_are_told_from_other_words():
+    assert list(GROUND.covariates) == COVARIATES
