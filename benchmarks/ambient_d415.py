@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.variable_projection import cut
+from learning.captured import SMOOTHING_PX
 from sim import asked_sensor, capture, simulate
 from sim.capture import CapturedScene
 from sim.light.signals import signals
@@ -28,7 +29,6 @@ from sim.stage import Stage
 
 SIDE_PX = 32
 LEAST_DN = 1.0  # Of dots and of ambient light in a square: darker ones tell too little.
-SMOOTHING_PX = 12.0  # As learning and the diagnosis have it.
 
 
 def main() -> None:

@@ -11,7 +11,9 @@ Usage:
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
+import shutil
 import subprocess
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -22,7 +24,7 @@ from diagnosis import detection, light_sets
 from diagnosis.check_camera import camera
 from diagnosis.withheld import limits, programs, shoot
 from diagnosis.withheld.case import Case
-from diagnosis.withheld.tier import TIERS
+from diagnosis.withheld.tier import TIERS, Tier
 from sim import sensors
 from sim.threads import single_threaded
 
@@ -44,30 +46,30 @@ def main() -> None:
     ).stdout.strip()
     with ProcessPoolExecutor(len(FIRST)) as pool:
         each = list(pool.map(partial(of_set, asked.work, asked.effects), FIRST))
-    made = {"scenes": [scenes(first) for first in FIRST], "commit": commit}
+    made = {"scenes": [of_tier(first).names(0) for first in FIRST], "commit": commit}
     told = {"made of": made, **detection.in_each(each)}
     asked.out.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
 
 
-def scenes(first: int) -> list[str]:
-    """Names of one set's scenes, as tier 1 has them."""
-    tier = TIERS[1]
-    return [
-        f"tabletop:{n}" if n % 4 == 3 else f"clutter:{n}" for n in range(first, first + tier.scenes)
-    ]
+def of_tier(first: int) -> Tier:
+    """Tier 1, its first set being this one."""
+    return dataclasses.replace(TIERS[1], first=first)
 
 
 def of_set(work: Path, effects: list[str], first: int) -> dict[str, Any]:
     """Limits in one set of scenes."""
     single_threaded()
-    tier = TIERS[1]
+    tier = of_tier(first)
     light, captures = work / str(first) / "light", work / str(first) / "captures"
     sensor = camera(tier.width, tier.height)
     if not light.exists():
-        light_sets.write(light, scenes(first), sensor)
+        light_sets.write(light, tier.names(0), sensor)
     if not captures.exists():
-        shoot.shoot(light, NULL, captures / "null", frames=tier.frames)
-        programs.depth(captures, light / programs.SENSOR)
+        aside = captures.with_name(".captures")  # Named last: what is half done is done again.
+        shutil.rmtree(aside, ignore_errors=True)
+        shoot.shoot(light, NULL, aside / "null", frames=tier.frames)
+        programs.depth(aside, light / programs.SENSOR)
+        aside.rename(captures)
     believed = sensors.load(str(light / programs.SENSOR))
     cache = work / str(first) / "cache"
     return detection.limits(captures / "null", believed, wanted=effects or None, cache=cache)

@@ -69,9 +69,8 @@ def expected(
     scale = np.float32(electrons_per_radiance(imager, wavelength, exposure.exposure_s) * step)
     apart = signals(view, scene, sensor, side)
     dark = np.zeros_like(view.ambient)
-    alone = dataclasses.replace(
-        even, ambient=dark, other=dark
-    )  # What `view` has is not formed twice.
+    # What `view` has is not formed twice.
+    alone = dataclasses.replace(even, ambient=dark, other=dark)
 
     def signal(light: Image) -> Image:
         if not light.any():

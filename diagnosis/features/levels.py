@@ -26,7 +26,7 @@ def levels(image: Image, ground: Ground, ceiling: float) -> dict[str, float]:
     inside = image[ground.counted & np.isfinite(image)]
     if inside.size < bins.FEWEST:
         return found
-    share = _shares(inside, ceiling)
+    share = _shares(_counts(inside, ceiling))
     # Pixels of a code lie anywhere within it: whole codes would hide what moves dark ones a little.
     values = np.interp(np.divide(_PERCENTILES, 100), share, np.arange(share.size) - 0.5)
     for percent, value in zip(_PERCENTILES, values, strict=True):
@@ -47,7 +47,8 @@ def codes(image: Image, where: Mask, ceiling: float) -> dict[str, float]:
     inside = image[where]
     if inside.size < bins.FEWEST:
         return found
-    count, share = _counts(inside, ceiling), _shares(inside, ceiling)
+    count = _counts(inside, ceiling)
+    share = _shares(count)
     low, high = np.searchsorted(share[1:], (0.05, 0.95))
     used = count[low : high + 1]
     found["codes.empty"] = float(np.mean(used == 0)) if used.size else float("nan")
@@ -63,7 +64,6 @@ def _counts(inside: NDArray, ceiling: float) -> NDArray[np.int64]:
     return np.bincount(np.clip(np.rint(inside), 0, ceiling).astype(np.int64))
 
 
-def _shares(inside: NDArray, ceiling: float) -> NDArray[np.float64]:
+def _shares(count: NDArray[np.int64]) -> NDArray[np.float64]:
     """Share of the pixels below each code, and below the one after the last."""
-    count = _counts(inside, ceiling)
     return np.concatenate([[0.0], np.cumsum(count) / count.sum()])

@@ -35,13 +35,25 @@ _OTHERS = (1, 2, 3)  # Devices, and seeds, in which effects are drawn anew,
 _RENDERED = (1,)  # or where each of them has to be rendered, which takes most of the time.
 # What rows follow from: where any of it is another, they are made again.
 _HOUSE = Path(__file__).parents[2]
-_SOURCES = (
-    *(_HOUSE / name for name in ("calibration", "patterns", "sim")),
-    *(_HOUSE / "diagnosis" / name for name in ("features", "estimated.py", "ground.py")),
-    *(_HOUSE / "diagnosis" / name for name in ("laid_on.py", "level_curve.py", "moved.py")),
-    *(_HOUSE / "diagnosis" / name for name in ("nuisances.py", "projector_frame.py")),
-    *(_HOUSE / "diagnosis" / name for name in ("reading.py", "subject.py", "which/bench.py")),
-    _HOUSE / "diagnosis" / "within_codes.py",
+_SOURCES = tuple(
+    _HOUSE / name
+    for name in (
+        "calibration",
+        "patterns",
+        "sim",
+        "diagnosis/features",
+        "diagnosis/estimated.py",
+        "diagnosis/ground.py",
+        "diagnosis/laid_on.py",
+        "diagnosis/level_curve.py",
+        "diagnosis/moved.py",
+        "diagnosis/nuisances.py",
+        "diagnosis/projector_frame.py",
+        "diagnosis/reading.py",
+        "diagnosis/subject.py",
+        "diagnosis/which/bench.py",
+        "diagnosis/within_codes.py",
+    )
 )
 
 

@@ -104,15 +104,15 @@ def diagnose(
     arguments = [str(cases), str(out), "--sensor", str(sensor), "--cache", str(cache)]
     if against is not None:
         arguments += ["--against", str(against)]
+    told = out / ".without"
     if without is not None:
         out.mkdir(parents=True, exist_ok=True)
-        path = out / ".without"
-        path.write_text(json.dumps(dict(without)), encoding="utf-8")
-        arguments += ["--without", str(path)]
+        told.write_text(json.dumps(dict(without)), encoding="utf-8")
+        arguments += ["--without", str(told)]
     try:
         _run("diagnosis.batch", arguments)
     finally:
-        (out / ".without").unlink(missing_ok=True)  # Nothing that tells stays beside captures.
+        told.unlink(missing_ok=True)  # Nothing that tells stays beside captures.
 
 
 def _run(module: str, arguments: Sequence[str]) -> None:
