@@ -1,8 +1,11 @@
-"""How ambient light varies over a real room, told by the projector's dots, place by place.
+"""How ambient light varies over a real room, and what it is worth to know.
 
-In squares of 32 px with one surface the image is fitted by what a calibrated sensor's projector and
-even ambient light make of that surface: the ratio of both tells the ambient light there, whatever
-the reflectance. The same is asked of an image that is simulated with even light, as a control.
+In squares of 32 px with one surface the left image is fitted by what a calibrated sensor's
+projector and the ambient light that is believed make of that surface: the ratio of both tells the
+ambient light there over what is believed, whatever the reflectance. It is asked with light that is
+believed even and with light by the dots' places (`sim.scenes.ambient_share`), and as a control of
+an image that is simulated with even light. Then the right image, which has no say in either: how
+strong its dots are over simulated ones, square by square.
 
 Usage:
     STARLING_CAPTURES=... python benchmarks/ambient_d415.py --sensor FILE --rooms 4426 6422 ...
@@ -13,60 +16,99 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration import detail
 from calibration.variable_projection import cut
+from diagnosis import nuisances
 from learning.captured import SMOOTHING_PX
 from sim import asked_sensor, capture, simulate
 from sim.capture import CapturedScene
 from sim.light.signals import signals
 from sim.metrics import depth_edges
-from sim.scenes import captured
+from sim.scene import Scene
+from sim.scenes import ambient_share, captured
 from sim.sensor import Sensor
 from sim.stage import Stage
 
 SIDE_PX = 32
 LEAST_DN = 1.0  # Of dots and of ambient light in a square: darker ones tell too little.
+AGREE = 0.3  # Correlation with simulated dots from which a square's strength is known.
 
 
 def main() -> None:
     """Print a line a room."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sensor", required=True)
     parser.add_argument("--rooms", nargs="+", required=True)
     asked = parser.parse_args()
     path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
-    sensor = asked_sensor.load(asked.sensor, captures=str(path))
+    base = asked_sensor.load(asked.sensor, captures=str(path))
     first: dict[str, CapturedScene] = {}
     for scene in capture.open_set(path).scenes:
         if scene.room in asked.rooms:
             first.setdefault(scene.room, scene)
-    print("room   squares   ambient light over its median, 10 and 90 %: real, simulated")
+    print("10 and 90 % of ambient light over what is believed: even, by place, simulated; then of")
+    print("the right image's dots the spread of strength [%] and what is off [DN]: even, by place")
     for room, scene in first.items():
-        found = of_room(scene, sensor)
-        count, ends = len(found[0]), [np.quantile(one, (0.1, 0.9)) for one in found]
-        told = "   ".join(f"{low:.2f} {high:.2f}" for low, high in ends)
-        print(f"{room:6} {count:6}   {told}", flush=True)
+        sensor = nuisances.on_sensor(base, nuisances.of_dots(scene, base))
+        with mock.patch.object(ambient_share, "told", return_value=None):
+            even = believed(scene, sensor)
+        by_place = believed(scene, sensor)
+        found = [of_room(scene, one, sensor) for one in (even, by_place)]
+        ends = [found[0][0], found[1][0], found[0][1]]
+        text = "   ".join(f"{low:.2f} {high:.2f}" for low, high in ends)
+        right = "   ".join(f"{100 * one[2]:.0f} {one[3]:.2f}" for one in found)
+        print(f"{room:6} {text}   {right}", flush=True)
 
 
-def of_room(scene: CapturedScene, sensor: Sensor) -> list[NDArray[np.float64]]:
-    """Ambient light of a room's squares over its median: by the real image, and by a simulated."""
-    believed = captured.load(scene.path, sensor, smoothing_px=SMOOTHING_PX, within_surfaces=True)
-    layers = simulate.rendered(Stage(believed), sensor, samples=4)
-    light = signals(layers.left, believed, sensor, "left")
-    level = believed.ambient.irradiance_w_m2
+def believed(scene: CapturedScene, sensor: Sensor) -> Scene:
+    """A captured room as it is estimated."""
+    return captured.load(scene.path, sensor, smoothing_px=SMOOTHING_PX, within_surfaces=True)
+
+
+def of_room(
+    scene: CapturedScene, room: Scene, sensor: Sensor
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+    """Ambient light of squares over what is believed, by real and by simulated image: 10th and 90th
+    percentile over the median. Then the right image.
+    """
+    layers = simulate.rendered(Stage(room), sensor, samples=4)
+    light = signals(layers.left, room, sensor, "left")
+    level = room.ambient.irradiance_w_m2
     lit = light.laser.astype(np.float32), (level * light.ambient).astype(np.float32)
-    pair = simulate.infrared(layers, believed, sensor)
-    real = scene.fullest().ir_left
-    assert real is not None
-    images = [np.asarray(one, np.float32) for one in (real, pair.left)]
-    edges = depth_edges(scene.info.disparity_px(layers.truth.depth_m))
-    even = ~np.any(cut(edges, SIDE_PX), axis=1)
+    pair = simulate.infrared(layers, room, sensor)
+    frame = scene.fullest()
+    assert frame.ir_left is not None and frame.ir_right is not None and pair.right is not None
+    images = [np.asarray(one, np.float32) for one in (frame.ir_left, pair.left)]
+    even = _even(layers.truth.depth_m, scene)
     both = [_ratio(image - np.float32(sensor.left.black_level_dn), lit) for image in images]
     told = even & np.all([np.isfinite(one) for one in both], axis=0)
-    return [one[told] / np.median(one[told]) for one in both]
+    real, simulated = (np.quantile(one[told] / np.median(one[told]), (0.1, 0.9)) for one in both)
+    assert layers.right is not None
+    spread, off = _right(frame.ir_right, pair.right, _even(layers.right.depth_m, scene))
+    return real, simulated, spread, off
+
+
+def _even(depth_m: NDArray, scene: CapturedScene) -> NDArray[np.bool_]:
+    """Squares with one surface."""
+    return ~np.any(cut(depth_edges(scene.info.disparity_px(depth_m)), SIDE_PX), axis=1)
+
+
+def _right(real: NDArray, made: NDArray, even: NDArray[np.bool_]) -> tuple[float, float]:
+    """Half of the middle 68 % of the logarithm of dots' strength, and root mean square [DN]."""
+    seen, own = (
+        cut(detail.high_passed(np.asarray(one, np.float32)), SIDE_PX)[even] for one in (real, made)
+    )
+    common, square = (seen * own).mean(axis=1), (own**2).mean(axis=1)
+    agree = common / np.sqrt(square * (seen**2).mean(axis=1) + 1e-12)
+    strength = np.log((common / square)[agree > AGREE])
+    low, high = np.quantile(strength, (0.16, 0.84))
+    off = cut(np.asarray(real, np.float32) - np.asarray(made, np.float32), SIDE_PX)[even]
+    return float(high - low) / 2, float(np.sqrt(np.mean(off**2)))
 
 
 def _ratio(image: NDArray, lit: tuple[NDArray, NDArray]) -> NDArray[np.float64]:

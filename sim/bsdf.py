@@ -34,6 +34,16 @@ def evenly_lit(body: Body, finish: Finish) -> Dict | None:
     return _twosided({"type": "diffuse", "reflectance": _spectrum(_value(body, finish))})
 
 
+def ambient_share(body: Body, largest: float) -> Dict:
+    """BSDF dict whose diffuse reflectance is the body's share of ambient light over the largest.
+
+    Mitsuba reports no reflectance above 1.
+    """
+    share = body.ambient_share
+    value = 1 / largest if share is None else share / np.float32(largest)
+    return _twosided({"type": "diffuse", "reflectance": _spectrum(value)})
+
+
 def mirrors(body: Body, finish: Finish) -> bool:
     """Whether a coat or metal is on a body, so that it is not matt all over."""
     laid = changes(body, finish) and (finish.gloss > 0 or finish.metal > 0)

@@ -141,9 +141,10 @@ def _ambient(stage: Stage, si: Any) -> Any:
     mi, dr = backend.mitsuba(), backend.drjit()
     ambient = stage.scene.ambient
     albedo, normal = stage.albedo(si), towards_viewer(si)
+    local = stage.ambient_share(si)
     if stage.skylight is None:
         share = albedo * (1 + _tilt(ambient, normal, MATT_TILT * ambient.gradient))
-        return dr.select(si.is_valid(), share / np.pi, 0)
+        return dr.select(si.is_valid(), share * local / np.pi, 0)
     viewer = si.to_world(si.wi)
     cosine = dr.dot(normal, viewer)
     across = normal * cosine - viewer  # Along the surface, on from the viewer.
@@ -151,7 +152,7 @@ def _ambient(stage: Stage, si: Any) -> Any:
     handle = dr.reinterpret_array(mi.UInt32, si.shape)
     even, along, aside = stage.skylight.returned(handle, cosine, albedo, stage.opaque(si))
     share = even + _tilt(ambient, normal * along + across * aside, ambient.gradient)
-    return dr.select(si.is_valid(), dr.maximum(share, 0) / np.pi, 0)
+    return dr.select(si.is_valid(), dr.maximum(share, 0) * local / np.pi, 0)
 
 
 def _tilt(ambient: Ambient, direction: Any, gradient: float) -> Any:

@@ -84,6 +84,11 @@ class _Seen:
         self.albedo = np.minimum(image[..., 6], 1)
         self.hit = np.linalg.norm(normal, axis=-1) > 0.5
         self.body = np.where(self.hit, np.rint(image[..., -1]), 0).astype(np.uint32)
+        self.share = np.ones_like(self.albedo)  # Of ambient light.
+        if stage.shared is not None:
+            lit = np.array(mi.render(stage.shared, sensor=camera, integrator=integrator, spp=1))
+            told = self.body <= len(stage.scene.bodies)  # Shapes beside the bodies have none.
+            self.share = np.where(told, lit[..., 6] * stage.largest_share, self.share)
         away = self.point - world_from_camera[:3, 3]
         facing = np.einsum("ijk,ijk->ij", normal, away) > 0
         self.normal = np.where(facing[..., None], -normal, normal)
@@ -134,7 +139,8 @@ def _ambient(stage: Stage, seen: _Seen) -> NDArray[np.float32]:
             even[there], along[there], across[there] = found
     way = seen.normal * along[..., None] + seen.across * across[..., None]
     share = even + way @ np.asarray(scene.ambient.up) * scene.ambient.gradient
-    return np.where(seen.hit, np.maximum(share, 0) / np.pi, 0).astype(np.float32)
+    lit = np.maximum(share, 0) * seen.share / np.pi
+    return np.where(seen.hit, lit, 0).astype(np.float32)
 
 
 def _truth(stage: Stage, sensor: Sensor, seen: _Seen) -> Truth:

@@ -67,6 +67,8 @@ class Body:
     mesh: Mesh
     material: Material
     texture: NDArray[np.float32] | None = None  # (h, w) reflectance that replaces the material's
+    # (h, w) ambient light over the scene's, as shadows and near lamps make it; None: 1 all over.
+    ambient_share: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

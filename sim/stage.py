@@ -32,6 +32,9 @@ class Stage:
         self.mitsuba: Any = _scene(shapes)
         self.numbers = _numbers(shapes)  # From Dr.Jit's shape handle to the body's number.
         self._diffuse = _diffuse(scene, shapes)
+        shares = [body.ambient_share for body in scene.bodies if body.ambient_share is not None]
+        self.largest_share = max([1.0, *(float(one.max()) for one in shares)])  # Of ambient light.
+        self._shares = _shares(scene, shapes, self.largest_share)
         self.skylight = _skylight(scene, shapes)  # None where all surfaces are matt.
         # What turns rays or lets them pass; None where nothing does.
         self.specular = Specular.of(shapes) if backend.is_jit() else None
@@ -49,6 +52,15 @@ class Stage:
         albedo = dr.minimum(surface.eval_diffuse_reflectance(si, si.is_valid())[0], 1)
         return albedo * self.opaque(si)
 
+    def ambient_share(self, si: Any) -> Any:
+        """Ambient light at surface points over the scene's."""
+        mi, dr = backend.mitsuba(), backend.drjit()
+        if not self._shares:
+            return mi.Float(1)
+        table, handle = mi.BSDFPtr(self._shares), dr.reinterpret_array(mi.UInt32, si.shape)
+        surface = dr.gather(mi.BSDFPtr, table, handle, si.is_valid())
+        return surface.eval_diffuse_reflectance(si, si.is_valid())[0] * self.largest_share
+
     def opaque(self, si: Any) -> Any:
         """Share of surface points that lets no light straight through."""
         if self.specular is None or not self.specular.has_panes:
@@ -59,9 +71,25 @@ class Stage:
     def evenly_lit(self) -> Any:
         """The Mitsuba scene whose surfaces' own albedo is `albedo`, for variants that ask it."""
         bodies, finish = self.scene.bodies, self.scene.finish
-        others = [bsdf.evenly_lit(body, finish) for body in bodies]
+        return self._with([bsdf.evenly_lit(body, finish) for body in bodies])
+
+    @cached_property
+    def shared(self) -> Any:
+        """The Mitsuba scene whose albedo is the share of ambient light over the largest.
+
+        None where light is even.
+        """
+        if all(body.ambient_share is None for body in self.scene.bodies):
+            return None
+        return self._with(
+            [bsdf.ambient_share(body, self.largest_share) for body in self.scene.bodies]
+        )
+
+    def _with(self, others: list[dict[str, Any] | None]) -> Any:
+        """The Mitsuba scene with another BSDF on each body for which there is one."""
         if not any(others):
             return self.mitsuba
+        bodies = self.scene.bodies
         replaced = [
             shape if other is None else _shape(body, other)
             for shape, body, other in zip(self.shapes, bodies, others, strict=False)
@@ -142,12 +170,32 @@ def _diffuse(scene: Scene, shapes: list[Any]) -> list[Any]:
     if not any(others) or not backend.is_jit():
         return []
     mi = backend.mitsuba()
-    table: list[Any] = [shapes[0].bsdf()] * (max(map(shape_handle, shapes)) + 1)
-    for number, shape in enumerate(shapes):
-        table[shape_handle(shape)] = shape.bsdf()
-        other = others[number] if number < len(others) else None
+    own = [shape.bsdf() for shape in shapes]
+    for number, other in enumerate(others):
         if other is not None:
-            table[shape_handle(shape)] = mi.load_dict(other)
+            own[number] = mi.load_dict(other)
+    return _by_handle(own, shapes)
+
+
+def _shares(scene: Scene, shapes: list[Any], largest: float) -> list[Any]:
+    """BSDFs by shape handle whose reflectance is the share of ambient light over the largest.
+
+    Empty: it is 1 all over.
+    """
+    bodies = scene.bodies
+    if all(body.ambient_share is None for body in bodies) or not backend.is_jit():
+        return []
+    mi = backend.mitsuba()
+    even = mi.load_dict({"type": "diffuse", "reflectance": 1 / largest})
+    own = [mi.load_dict(bsdf.ambient_share(body, largest)) for body in bodies]
+    return _by_handle([*own, *([even] * (len(shapes) - len(own)))], shapes)
+
+
+def _by_handle(surfaces: list[Any], shapes: list[Any]) -> list[Any]:
+    """A table of one BSDF a shape, by its handle."""
+    table: list[Any] = [surfaces[0]] * (max(map(shape_handle, shapes)) + 1)
+    for surface, shape in zip(surfaces, shapes, strict=True):
+        table[shape_handle(shape)] = surface
     return table
 
 

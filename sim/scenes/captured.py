@@ -49,7 +49,7 @@ def surface(scene: CapturedScene, told: Lit) -> Scene:
 
     Args:
         scene: of a capture set, with reference depth.
-        told: reflectance in the left view, and ambient light.
+        told: reflectance and ambient light in the left view.
 
     Raises:
         InputError: if there is no reference depth.
@@ -61,6 +61,7 @@ def surface(scene: CapturedScene, told: Lit) -> Scene:
         Material(name="as seen"),
         reflectance=told.reflectance,
         ambient_w_m2=told.ambient_w_m2,
+        ambient_share=told.ambient_share,
     )
 
 
@@ -76,7 +77,8 @@ def lit(
     The sensor's projector and lens light the reference surface, with the captures' geometry if the
     sensor has another; what that does not explain of the image is reflectance. With a projector-off
     image that is the reflectance's, else the dots are taken out (`sim.scenes.dots_off`). How
-    strongly they stand out tells of ambient light (`sim.scenes.room_light`).
+    strongly they stand out tells of ambient light (`sim.scenes.room_light`), place by place where
+    the sensor's dots are those of the image (`sim.scenes.ambient_share`).
 
     Args:
         scene: of a capture set.
@@ -92,6 +94,7 @@ def lit(
     """
     from sim import render
     from sim.light.signals import signals
+    from sim.scenes import ambient_share
     from sim.stage import Stage
 
     errors.in_interval("smoothing_px", smoothing_px, 0.0, 100.0, "12 leaves no dots.")
@@ -102,9 +105,12 @@ def lit(
         sensor = scene.info.geometry_into(sensor)
     even = surface(scene, Lit(np.full(disparity_px.shape, 0.5, np.float32), LIT_ROOM_W_M2))
     light = signals(render.layers(Stage(even), sensor).left, even, sensor, "left")
-    ambient = LIT_ROOM_W_M2
+    ambient, share = LIT_ROOM_W_M2, None
     if frame.ir_left is not None:
         dotted = _level(scene, frame.ir_left, black_dn)
+        share = ambient_share.told(dotted, light, disparity_px)
+        if share is not None:
+            light = dataclasses.replace(light, ambient=share * light.ambient)
         ambient = room_light.ambient_w_m2(dotted, light, sensor.left)
     off = frame.ir_left_off is not None
     if off:  # Then ambient light alone is seen.
@@ -116,7 +122,7 @@ def lit(
             return _smoothed(image, smoothing_px, parted)
         return image if off else np.maximum(dots_off.removed(image), 0)
 
-    return Lit(room_light.reflectance(seen, light, ambient, detail), ambient)
+    return Lit(room_light.reflectance(seen, light, ambient, detail), ambient, share)
 
 
 def brightness(scene: CapturedScene, *, smoothing_px: float) -> Array:

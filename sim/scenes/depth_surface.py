@@ -28,6 +28,7 @@ def scene(
     *,
     reflectance: Array | None = None,
     ambient_w_m2: float = LIT_ROOM_W_M2,
+    ambient_share: Array | None = None,
 ) -> Scene:
     """Turn a map of reference disparity into a scene: closed, smoothed, going on behind edges.
 
@@ -39,19 +40,27 @@ def scene(
         reflectance: (h, w) in the left view, in place of the material's own; the light's shading
             may be in it.
         ambient_w_m2: irradiance of ambient light.
+        ambient_share: (h, w) of that which falls on what the left view sees; None: all of it.
     """
     sides = ((_ROWS_PX, _ROWS_PX), (_MARGIN_PX, _MARGIN_PX))
     seen = np.pad(depth_mesh.smoothed(depth_mesh.closed(disparity_px)), sides, mode="edge")
     hidden, source = depth_mesh.behind(seen)
-    front = back = None
-    if reflectance is not None:
-        front = np.pad(reflectance, sides, mode="reflect")
-        back = np.asarray(cv2.blur(front, (_SOFT_PX, _SOFT_PX)), np.float32).ravel()[source]
+
+    def painted(image: Array | None) -> tuple[Array | None, Array | None]:
+        """What the image has, on the surface and on what goes on behind it."""
+        if image is None:
+            return None, None
+        front = np.pad(image, sides, mode="reflect")
+        soft = np.asarray(cv2.blur(front, (_SOFT_PX, _SOFT_PX)), np.float32)
+        return front, soft.ravel()[source]
+
+    front, back = painted(reflectance)
+    lit_front, lit_back = painted(ambient_share)
     cx, cy = info.cx_px + _MARGIN_PX, info.cy_px + _ROWS_PX
     intrinsics = np.array([[info.fx_px, 0, cx], [0, info.fy_px, cy], [0, 0, 1]])
     parts = (
-        ("surface", seen, {}, front),
-        ("surface behind", hidden, {"jump_px": _PATCHED_PX}, back),
+        ("surface", seen, {}, front, lit_front),
+        ("surface behind", hidden, {"jump_px": _PATCHED_PX}, back, lit_back),
     )
     return Scene(
         name=name,
@@ -61,8 +70,9 @@ def scene(
                 mesh=depth_mesh.triangles(disparity, intrinsics, info.focal_baseline_px_m, **limit),
                 material=material,
                 texture=texture,
+                ambient_share=share,
             )
-            for part, disparity, limit, texture in parts
+            for part, disparity, limit, texture, share in parts
             if np.isfinite(disparity).any()
         ),
         ambient=Ambient(irradiance_w_m2=ambient_w_m2, gradient=0.0),

@@ -36,6 +36,7 @@ class Lit:
 
     reflectance: Array  # (h, w)
     ambient_w_m2: float
+    ambient_share: Array | None = None  # (h, w), of that, which falls there; None: all of it.
 
 
 def ambient_w_m2(dotted: Array, light: Signals, imager: Imager) -> float:

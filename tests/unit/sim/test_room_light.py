@@ -43,7 +43,12 @@ def painted() -> np.ndarray:
 
 
 def room(
-    folder: Path, ambient_w_m2: float, *, by: Sensor = SENSOR, off: bool = False
+    folder: Path,
+    ambient_w_m2: float,
+    *,
+    by: Sensor = SENSOR,
+    off: bool = False,
+    share: np.ndarray | None = None,
 ) -> CapturedScene:
     """Capture it, to the disk."""
     folder.mkdir()
@@ -56,7 +61,7 @@ def room(
     (scene / "0" / "ir_left.png").write_bytes(png.encode(even))
     (scene / "0" / "ir_right.png").write_bytes(png.encode(even))
     (known,) = open_set(folder).scenes
-    lit = captured.surface(known, Lit(painted(), ambient_w_m2))
+    lit = captured.surface(known, Lit(painted(), ambient_w_m2, share))
     for name, sensor in (("ir_left", by), ("ir_left_off", DARK))[: 1 + off]:
         shot = simulate.simulate(lit, sensor, seed=5)
         (scene / "0" / f"{name}.png").write_bytes(png.encode(shot.ir_left))
