@@ -48,14 +48,9 @@ def scene(captured: CapturedScene, sensor: Sensor) -> tuple[Scene, Estimates]:
     believed = known.load(captured, sensor)
     if believed is not None:
         return believed, ()
-    truth_m = captured.truth_m()
-    if truth_m is None or not np.isfinite(truth_m).any():
-        rule = "must have a scene.toml or reference depth (truth.png)"
-        raise refuse(f"scene {captured.name}", rule, "neither", "Leave it out, or add one.")
+    likely = _evenly(captured)
     seen = captured.fullest().ir_left is not None
-    if not seen:
-        likely = Lit(np.full(truth_m.shape, _EVEN, np.float32), LIT_ROOM_W_M2)
-    else:
+    if seen:
         likely = surfaces.lit(captured, sensor, smoothing_px=SMOOTHING_PX, within_surfaces=True)
     info = captured.info
     x, y = np.arange(info.width) - info.cx_px, np.arange(info.height) - info.cy_px
@@ -67,6 +62,23 @@ def scene(captured: CapturedScene, sensor: Sensor) -> tuple[Scene, Estimates]:
     if seen:
         made.append(partial(_detailed, captured, sensor))
     return surfaces.surface(captured, likely), tuple(made)
+
+
+def surface(captured: CapturedScene) -> Scene:
+    """What is known of a captured scene by its reference depth alone, evenly painted and lit.
+
+    Raises:
+        InputError: if there is no reference depth.
+    """
+    return surfaces.surface(captured, _evenly(captured))
+
+
+def _evenly(captured: CapturedScene) -> Lit:
+    truth_m = captured.truth_m()
+    if truth_m is None or not np.isfinite(truth_m).any():
+        rule = "must have a scene.toml or reference depth (truth.png)"
+        raise refuse(f"scene {captured.name}", rule, "neither", "Leave it out, or add one.")
+    return Lit(np.full(truth_m.shape, _EVEN, np.float32), LIT_ROOM_W_M2)
 
 
 def _detailed(captured: CapturedScene, sensor: Sensor) -> Scene:

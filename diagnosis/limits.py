@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from diagnosis.named import FEWEST, LOCKED
-from diagnosis.nuisances import SCALE
+from diagnosis.nuisances import SCALE, SHIFT, TURN
 from diagnosis.subject import Subject
 from diagnosis.which.candidates import LEFT_OUT, Arm
 
@@ -147,8 +147,25 @@ def _light(subjects: Sequence[Subject]) -> Iterator[str]:
     yield from _exposures(subjects)
 
 
+def _moved(subjects: Sequence[Subject]) -> Iterator[str]:
+    """How far references were moved before anything was asked."""
+    fitted = [one.nuisances for one in subjects if TURN[0] in one.nuisances]
+    if fitted:
+        turn, shift = (
+            max(float(np.linalg.norm([one[name].own for name in names])) for one in fitted)
+            for names in (TURN, SHIFT)
+        )
+        yield (
+            f"References were moved to where disparity has them, by up to {1e3 * shift:.1f} mm and "
+            f"{turn:.2f} degree: offset, scale and tilt of the camera itself are partly taken up "
+            "by that."
+        )
+
+
 def _fitted(subjects: Sequence[Subject]) -> Iterator[str]:
-    names = sorted({name for one in subjects for name in one.nuisances})
+    yield from _moved(subjects)
+    named = {name for one in subjects for name in one.nuisances}
+    names = sorted(named - {*TURN, *SHIFT})
     if names:
         spans = []
         for name in names:

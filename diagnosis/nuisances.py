@@ -1,7 +1,8 @@
 """What is fitted to each scene before effects are asked for: it differs from room to room.
 
-How brightly a room is lit, and how far the projector's pattern is spread, as its laser's wavelength
-drifts with warmth. What all scenes are asked about departs from each one's own.
+How its reference stands to the camera, how brightly it is lit, and how far the projector's pattern
+is spread, as its laser's wavelength drifts with warmth. What all scenes are asked about departs
+from each one's own.
 """
 
 from __future__ import annotations
@@ -13,15 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import correlation, heldout
+from diagnosis import estimated, pose
+from diagnosis.pose import Posed
+from diagnosis.reading import matched
+from sim import simulate
 from sim.capture import CapturedScene
 from sim.effects.effect import Value
-from sim.scene import Scene
+from sim.scene import ModelError, Scene
 from sim.scenes.room_light import LIT_ROOM_W_M2
 from sim.sensor import Sensor
 from sim.sensor_edits import with_values
 from sim.stage import Stage
 
 AMBIENT, SCALE = "ambient", "pattern_scale"  # Rows of the effect table.
+TURN = ("model_turn", "model_turn.y", "model_turn.z")
+SHIFT = ("model_shift", "model_shift.y", "model_shift.z")
 _STEP = 2e-3  # Of the scales that are tried: dots some 1.5 px apart at the image's edge.
 _STEPS = 3  # To each side: three times what warmth was seen to do.
 _CLOSER = 1e-3
@@ -39,24 +46,89 @@ class Nuisance:
 Nuisances = Mapping[str, Nuisance]  # By effect.
 
 
-def fitted(captured: CapturedScene, scene: Scene, sensor: Sensor) -> Nuisances:
-    """Fit them to a scene whose light was estimated from its images.
+def of_geometry(captured: CapturedScene, sensor: Sensor) -> Nuisances:
+    """Fit all that tells where things lie (`of_reference`, then `of_dots`)."""
+    found = of_reference(captured, sensor)
+    return {**found, **of_dots(put_right(captured, found), sensor)}
+
+
+def of_reference(captured: CapturedScene, sensor: Sensor) -> Nuisances:
+    """Fit how the reference of a scene stands to the camera, by the disparity of its pair.
+
+    Args:
+        captured: what was captured of it.
+        sensor: the base.
+
+    Returns:
+        Nothing where there is no pair, a file says what the scene is, or too little is seen.
+
+    Raises:
+        InputError: if no reference depth is known either.
+    """
+    frame = captured.fullest()
+    if captured.known() is not None or frame.ir_left is None or frame.ir_right is None:
+        return {}
+    scene = estimated.surface(captured)
+    layers = simulate.rendered(Stage(scene), sensor, samples=1)
+    pair = simulate.infrared(layers, scene, sensor)
+    assert pair.right is not None
+    real_px = matched(frame.ir_left[None], frame.ir_right[None], sensor)[0]
+    simulated_px = matched(pair.left[None], pair.right[None], sensor)[0]
+    truth_m = captured.truth_m()
+    assert truth_m is not None
+    found = pose.fitted(real_px - simulated_px, truth_m, captured.info)
+    if found is None:
+        return {}
+    values = (*found.turn_deg, *found.shift_m)
+    return {name: Nuisance(0.0, one) for name, one in zip((*TURN, *SHIFT), values, strict=True)}
+
+
+def put_right(captured: CapturedScene, nuisances: Nuisances) -> CapturedScene:
+    """A captured scene with its reference as it was fitted."""
+    if TURN[0] not in nuisances:
+        return captured
+    rx, ry, rz = (nuisances[name].own for name in TURN)
+    x, y, z = (nuisances[name].own for name in SHIFT)
+    return Posed(
+        name=captured.name,
+        room=captured.room,
+        path=captured.path,
+        info=captured.info,
+        frames=captured.frames,
+        pose=ModelError(turn_deg=(rx, ry, rz), shift_m=(x, y, z)),
+    )
+
+
+def of_dots(captured: CapturedScene, sensor: Sensor) -> Nuisances:
+    """Fit what tells where dots lie, to a scene of which no file says what it is.
+
+    Args:
+        captured: what was captured of it.
+        sensor: the base.
+
+    Raises:
+        InputError: if no reference depth is known either.
+    """
+    if captured.known() is not None:
+        return {}
+    scale = pattern_scale(captured, estimated.surface(captured), sensor)
+    return {} if scale is None else {SCALE: Nuisance(sensor.projector.pattern_scale, scale)}
+
+
+def of_light(captured: CapturedScene, scene: Scene, sensor: Sensor) -> Nuisances:
+    """Say how a scene is lit, which was estimated from its images.
 
     Ambient light is told from reflectance by the dots: without images, or with the projector off,
     it was not fitted.
 
     Args:
         captured: what was captured of it.
-        scene: what is known of it.
+        scene: as estimated.
         sensor: the base.
     """
-    found: dict[str, Nuisance] = {}
-    if captured.fullest().ir_left is not None and sensor.projector.power_w > 0:
-        found[AMBIENT] = Nuisance(LIT_ROOM_W_M2, scene.ambient.irradiance_w_m2)
-    scale = pattern_scale(captured, scene, sensor)
-    if scale is not None:
-        found[SCALE] = Nuisance(sensor.projector.pattern_scale, scale)
-    return found
+    if captured.fullest().ir_left is None or sensor.projector.power_w == 0:
+        return {}
+    return {AMBIENT: Nuisance(LIT_ROOM_W_M2, scene.ambient.irradiance_w_m2)}
 
 
 def on_sensor(sensor: Sensor, nuisances: Nuisances) -> Sensor:
@@ -71,10 +143,10 @@ def own(settings: Mapping[str, Value], nuisances: Nuisances) -> dict[str, Value]
 
     Args:
         settings: value by effect, from the common base.
-        nuisances: of the scene.
+        nuisances: of the scene. Where its reference stands is put right already.
     """
     moved = dict(settings)
-    for name in settings.keys() & nuisances.keys():
+    for name in (settings.keys() & nuisances.keys()) - {*TURN, *SHIFT}:
         one = nuisances[name]
         moved[name] = max(0.0, one.own + (float(settings[name]) - one.common))
     return moved

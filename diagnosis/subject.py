@@ -289,14 +289,16 @@ def subject(
             captures have nothing in common.
     """
     known_by = captured if against is None else against
-    size = (known_by.info.height, known_by.info.width)
+    size = known_by.info.shape
     if size != (sensor.height, sensor.width):
         rule = f"must be of the sensor's size, {sensor.height} x {sensor.width}"
         raise refuse(f"scene {captured.name}", rule, size, "Give the sensor of these captures.")
-    scene, estimates = estimated.scene(known_by, sensor)
     if fitted is None:
-        fitted = nuisances.fitted(known_by, scene, sensor) if estimates else {}
-    sensor = nuisances.on_sensor(sensor, fitted)
+        fitted = nuisances.of_geometry(known_by, sensor)
+    known_by, sensor = nuisances.put_right(known_by, fitted), nuisances.on_sensor(sensor, fitted)
+    scene, estimates = estimated.scene(known_by, sensor)  # Last: dots tell of light where they lie.
+    if estimates:
+        fitted = {**fitted, **nuisances.of_light(known_by, scene, sensor)}
     base = read(known_by, sensor)
     made = of_scene(
         scene,

@@ -48,6 +48,7 @@ _SOURCES = tuple(
         "diagnosis/level_curve.py",
         "diagnosis/moved.py",
         "diagnosis/nuisances.py",
+        "diagnosis/pose.py",
         "diagnosis/projector_frame.py",
         "diagnosis/reading.py",
         "diagnosis/subject.py",

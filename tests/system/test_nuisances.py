@@ -10,13 +10,17 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
-from diagnosis import check_camera, estimated, named, nuisances, subject
-from diagnosis.nuisances import AMBIENT, SCALE, Nuisance
+from diagnosis import check_camera, estimated, named, nuisances, pose, subject
+from diagnosis.nuisances import AMBIENT, SCALE, SHIFT, TURN, Nuisance
 from diagnosis.which.candidates import Arm
-from sim import capture
+from sim import capture, png
 from sim.capture import CapturedScene
+from sim.depth import to_code
+from sim.scene import ModelError
 from sim.sensor import Sensor
 from sim.sensor_edits import with_values
 from sim.simulate_captures import simulate_captures
@@ -39,7 +43,8 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> CapturedScene:
 
 
 def fitted(scene: CapturedScene, sensor: Sensor) -> float | None:
-    return nuisances.pattern_scale(scene, estimated.scene(scene, sensor)[0], sensor)
+    found = nuisances.of_dots(scene, sensor)
+    return found[SCALE].own if found else None
 
 
 def test_the_scale_is_found_that_captures_were_made_with(warm):
@@ -65,16 +70,18 @@ def test_where_the_first_frame_has_depth_alone_another_tells(warm, tmp_path):
 
 def test_without_dots_ambient_light_is_not_fitted(warm, tmp_path):
     off = with_values(SENSOR, [("projector.power_w", 0.0)])
-    assert nuisances.fitted(warm, estimated.scene(warm, off)[0], off) == {}
+    assert nuisances.of_dots(warm, off) == {}
+    assert nuisances.of_light(warm, estimated.scene(warm, off)[0], off) == {}
     whole = shutil.copytree(warm.path.parent, tmp_path / "set")
     for image in whole.rglob("ir_*.png"):
         image.unlink()
     (blind,) = capture.open_set(whole).scenes
-    assert nuisances.fitted(blind, estimated.scene(blind, SENSOR)[0], SENSOR) == {}
+    assert nuisances.of_dots(blind, SENSOR) == {}
+    assert nuisances.of_light(blind, estimated.scene(blind, SENSOR)[0], SENSOR) == {}
 
 
 def test_dots_of_another_pattern_or_none_tell_no_scale(warm, tmp_path):
-    scene, _ = estimated.scene(warm, SENSOR)
+    scene = estimated.surface(warm)
     for path, value in (("projector.pattern_seed", 3), ("projector.power_w", 0.0)):
         sensor = with_values(SENSOR, [(path, value)])
         assert nuisances.pattern_scale(warm, scene, sensor) is None
@@ -86,11 +93,47 @@ def test_dots_of_another_pattern_or_none_tell_no_scale(warm, tmp_path):
 
 def test_a_subject_is_simulated_as_its_scene_was(warm):
     one = subject.subject(warm, SENSOR)
-    assert one.nuisances.keys() == {AMBIENT, SCALE}
+    assert one.nuisances.keys() == {AMBIENT, SCALE, *TURN, *SHIFT}
     assert one.sensor.projector.pattern_scale == one.nuisances[SCALE].own != 1
     assert one.nuisances[AMBIENT].own == one.scene.ambient.irradiance_w_m2
     again = subject.subject(warm, SENSOR, fitted=FITTED)
-    assert again.sensor.projector.pattern_scale == 0.999 and again.nuisances == FITTED
+    assert again.sensor.projector.pattern_scale == 0.999
+    assert again.nuisances[SCALE] == FITTED[SCALE]
+
+
+def test_a_reference_that_stands_off_is_put_right(warm, tmp_path):
+    """By disparity alone, and by half, as few squares tell of much more than is expected; what a
+    subject is compared with, and made of, is that reference."""
+    whole = shutil.copytree(warm.path.parent, tmp_path / "set")
+    true_m, info = warm.truth_m(), warm.info
+    off = pose.moved(true_m, info, ModelError(turn_deg=(0.2, -0.1, 0.1), shift_m=(0, 0, 0.02)))
+    code = to_code(off, info.depth_unit_m)
+    (whole / warm.name / "truth.png").write_bytes(png.encode(code))
+    (scene,) = capture.open_set(whole).scenes
+    found = nuisances.of_reference(scene, SENSOR)
+    assert found.keys() == {*TURN, *SHIFT}
+    right = nuisances.put_right(scene, found)
+    before, after = (
+        np.nanmedian(np.abs(info.disparity_px(one.truth_m()) - info.disparity_px(true_m)))
+        for one in (scene, right)
+    )
+    assert after < before / 2
+    one = subject.subject(scene, SENSOR)
+    assert {name: one.nuisances[name].own for name in found} == {
+        name: each.own for name, each in found.items()
+    }
+    known = np.isfinite(one.ground.disparity_px)
+    assert_allclose(one.ground.disparity_px[known], info.disparity_px(right.truth_m())[known])
+    assert "model_turn" not in {each.name for each in named.tried(Arm.IMAGE, [one])}
+    assert nuisances.own({"model_turn": 0.3}, one.nuisances) == {"model_turn": 0.3}
+
+
+def test_no_reference_is_moved_without_a_pair(warm, tmp_path):
+    whole = shutil.copytree(warm.path.parent, tmp_path / "set")
+    (whole / warm.name / "0" / "ir_right.png").unlink()
+    (scene,) = capture.open_set(whole).scenes
+    assert nuisances.of_reference(scene, SENSOR) == {}
+    assert nuisances.put_right(scene, {}) is scene
 
 
 def test_effects_depart_from_what_a_scene_has_of_its_own():

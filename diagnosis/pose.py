@@ -1,0 +1,159 @@
+"""How a scene's reference stands to the camera: fitted by disparity, and put right.
+
+A scanner's place is found for each scene by itself, to some millimetres and tenths of a degree.
+What a small motion does to a disparity map is linear in its six numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from sim.capture import CapturedScene
+from sim.capture_info import CaptureInfo
+from sim.metrics import MAD_TO_SIGMA, depth_edges
+from sim.scene import ModelError
+
+Map = NDArray[np.floating]
+
+_CELL_PX = 32  # Side of the squares whose medians are fitted.
+_FULL = 0.5  # Share of a square that has to be known.
+_ALIKE = 10.0  # So many neighbouring squares are off together.
+_TURN_DEG, _SHIFT_M = 0.2, 3e-3  # Deviations that are expected.
+_SMOOTHED_PX = 2.0  # Sigma, for slopes of a reference that has noise.
+_ROUNDS = 10  # Of weighting: a tenth changes no number that is told.
+_LEAST_PX = 0.02  # Deviation that squares have at least.
+_SLOPE_PX = 1.0  # Between neighbours; more is an edge.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Posed(CapturedScene):
+    """A captured scene whose reference stands as it was fitted."""
+
+    pose: ModelError
+
+    def truth_m(self) -> NDArray[np.float32] | None:
+        """As `CapturedScene.truth_m`, moved."""
+        depth_m = CapturedScene.truth_m(self)
+        return None if depth_m is None else moved(depth_m, self.info, self.pose)
+
+
+def fitted(off_px: Map, depth_m: NDArray, info: CaptureInfo) -> ModelError | None:
+    """Fit the motion of a reference that makes disparity differ from what it tells.
+
+    Args:
+        off_px: (h, w) disparity less what the reference tells, NaN where unknown.
+        depth_m: (h, w) reference, NaN where unknown.
+        info: of the captures.
+
+    Returns:
+        Shift and turn; None where too few squares tell of it.
+    """
+    known = np.isfinite(off_px) & ~depth_edges(info.disparity_px(depth_m))
+    columns = [_change(depth_m, info, *np.eye(6)[number].reshape(2, 3)) for number in range(6)]
+    known &= np.all([np.isfinite(one) for one in columns], axis=0)
+    cells = [
+        [_median(one, known, place) for one in (off_px, *columns)] for place in _full_cells(known)
+    ]
+    if len(cells) < 6 * _ALIKE:
+        return None
+    rows = np.array(cells)
+    off, matrix = rows[:, 0], rows[:, 1:]
+    prior = np.diag(np.repeat([np.deg2rad(_TURN_DEG), _SHIFT_M], 3) ** -2.0)
+    found = np.zeros(6)
+    for _ in range(_ROUNDS):
+        left = off - matrix @ found
+        spread = max(MAD_TO_SIGMA * float(np.median(np.abs(left))), _LEAST_PX)
+        weight = 1 / (1 + (left / (2 * spread)) ** 2) / (_ALIKE * spread**2)
+        normal = (matrix * weight[:, None]).T @ matrix + prior
+        found = np.linalg.solve(normal, (matrix * weight[:, None]).T @ off)
+    rx, ry, rz, x, y, z = (float(one) for one in (*np.rad2deg(found[:3]), *found[3:]))
+    return ModelError(turn_deg=(rx, ry, rz), shift_m=(x, y, z))
+
+
+def moved(depth_m: NDArray[np.float32], info: CaptureInfo, pose: ModelError) -> NDArray[np.float32]:
+    """Depth (h, w) of a reference, in the left view, once all of it stands as `pose` says.
+
+    Args:
+        depth_m: (h, w), NaN where unknown.
+        info: of the captures.
+        pose: shift and turn; some pixels in the image at most.
+    """
+    turn, shift = np.deg2rad(pose.turn_deg), np.asarray(pose.shift_m)
+    flow_x, flow_y, further = _flow(_filled(depth_m), info, turn, shift)
+    here = np.indices(depth_m.shape)[::-1].astype(np.float32)  # Columns, rows.
+    source = here
+    for _ in range(2):
+        moves = [_remapped(one, source, cv2.INTER_NEAREST) for one in (flow_x, flow_y)]
+        source = here - np.stack(moves)
+    disparity = info.disparity_px(depth_m)
+    nearest = _remapped(disparity, source, cv2.INTER_NEAREST)
+    between = _remapped(disparity, source, cv2.INTER_LINEAR)
+    there = np.where(np.abs(between - nearest) < _SLOPE_PX, between, nearest)
+    deeper = _remapped(further, source, cv2.INTER_NEAREST)
+    return np.asarray(info.focal_baseline_px_m / there + deeper, np.float32)
+
+
+def _change(depth_m: NDArray, info: CaptureInfo, turn: Map, shift: Map) -> Map:
+    """Disparity (h, w) that a small motion adds, at pixels of the left view."""
+    filled = _filled(depth_m)
+    flow_x, flow_y, further = _flow(filled, info, turn, shift)
+    disparity = np.asarray(cv2.GaussianBlur(info.disparity_px(filled), (0, 0), _SMOOTHED_PX))
+    down, along = np.gradient(disparity)
+    return np.where(
+        np.isfinite(depth_m),
+        -along * flow_x - down * flow_y - disparity * further / filled,
+        np.nan,
+    )
+
+
+def _remapped(image: Map, places: NDArray[np.float32], between: int) -> NDArray[np.float32]:
+    """An image at places of it (columns, rows); beyond its border nothing is known."""
+    found = cv2.remap(
+        np.asarray(image, np.float32),
+        places[0],
+        places[1],
+        between,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=(float("nan"),) * 4,
+    )
+    return np.asarray(found, np.float32)
+
+
+def _flow(filled: Map, info: CaptureInfo, turn: Map, shift: Map) -> tuple[Map, Map, Map]:
+    """Motion in the image [px] of the points that pixels show, and in depth [m]."""
+    y, x = np.indices(filled.shape)
+    ray_x, ray_y = (x - info.cx_px) / info.fx_px, (y - info.cy_px) / info.fy_px
+    points = np.stack([ray_x * filled, ray_y * filled, filled], axis=-1)
+    moves = np.cross(turn, points) + shift
+    further = moves[..., 2]
+    flow_x = info.fx_px * (moves[..., 0] - ray_x * further) / filled
+    flow_y = info.fy_px * (moves[..., 1] - ray_y * further) / filled
+    return flow_x, flow_y, further
+
+
+def _filled(depth_m: NDArray) -> Map:
+    """Depth with that of the nearest known pixel where it is unknown."""
+    nearest = ndimage.distance_transform_edt(
+        ~np.isfinite(depth_m), return_distances=False, return_indices=True
+    )
+    return depth_m[tuple(np.asarray(nearest))].astype(np.float64)
+
+
+def _full_cells(known: NDArray[np.bool_]) -> list[tuple[slice, slice]]:
+    """Squares of the image in which enough is known."""
+    height, width = known.shape
+    places = [
+        (slice(y, y + _CELL_PX), slice(x, x + _CELL_PX))
+        for y in range(0, height - _CELL_PX + 1, _CELL_PX)
+        for x in range(0, width - _CELL_PX + 1, _CELL_PX)
+    ]
+    return [place for place in places if known[place].mean() >= _FULL]
+
+
+def _median(image: Map, known: NDArray[np.bool_], place: tuple[slice, slice]) -> float:
+    return float(np.median(image[place][known[place]]))
