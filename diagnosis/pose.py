@@ -52,6 +52,10 @@ def fitted(off_px: Map, depth_m: NDArray, info: CaptureInfo) -> ModelError | Non
 
     Returns:
         Shift and turn; None where too few squares tell of it.
+
+    Source: the motion field of a rigid body (Longuet-Higgins and Prazdny, Proc. R. Soc. Lond. B
+    208, 1980), by least squares that are weighted anew (Holland and Welsch, Commun. Stat. A6,
+    1977, Cauchy's weights) with a Gaussian prior.
     """
     known = np.isfinite(off_px) & ~depth_edges(info.disparity_px(depth_m))
     columns = [_change(depth_m, info, *np.eye(6)[number].reshape(2, 3)) for number in range(6)]

@@ -36,7 +36,7 @@ def camera(name: str) -> Sensor:
     sensor = dataclasses.replace(
         sensors.load("d435"), width=160, height=90, fx_px=80.0, fy_px=80.0, cx_px=80.3, cy_px=44.1
     )
-    if name != "two emitters":
+    if name == "one emitter":
         return sensor
     light = sensors.load("d415").projector
     left, right = (one.pattern for one in light.emitters)
@@ -48,16 +48,16 @@ def camera(name: str) -> Sensor:
 
 
 def rendered(name: str) -> Layers:
-    """What a camera sees of things on a table; under `uneven light` left of them it is dark."""
+    """What a camera sees of things on a table; those before two emitters are lit unevenly."""
     scene = builtin.clutter()
-    if name == "uneven light":
+    if name == "two emitters":
         share = np.repeat(np.array([[0.5, 2.5]], np.float32), 2, axis=0)
         bodies = [dataclasses.replace(body, ambient_share=share) for body in scene.bodies[::2]]
         scene = dataclasses.replace(scene, bodies=(*bodies, *scene.bodies[1::2]))
     return render.layers(stage.Stage(scene), camera(name), subpixels=2)
 
 
-@pytest.mark.parametrize("name", ["one emitter", "two emitters", "uneven light"])
+@pytest.mark.parametrize("name", ["one emitter", "two emitters"])
 def test_both_renderers_agree(tmp_path: Path, name: str) -> None:
     path = tmp_path / "twin.npz"
     environment = {**os.environ, "STARLING_VARIANT": "scalar_rgb"}
