@@ -20,12 +20,13 @@ from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
+from rooms import first_of_each
 
 from calibration import detail
 from calibration.variable_projection import cut
 from diagnosis import nuisances
 from learning.captured import SMOOTHING_PX
-from sim import asked_sensor, capture, simulate
+from sim import asked_sensor, simulate
 from sim.capture import CapturedScene
 from sim.light.signals import signals
 from sim.metrics import depth_edges
@@ -47,10 +48,7 @@ def main() -> None:
     asked = parser.parse_args()
     path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
     base = asked_sensor.load(asked.sensor, captures=str(path))
-    first: dict[str, CapturedScene] = {}
-    for scene in capture.open_set(path).scenes:
-        if scene.room in asked.rooms:
-            first.setdefault(scene.room, scene)
+    first = first_of_each(path, asked.rooms)
     print("10 and 90 % of ambient light over what is believed: even, by place, simulated; then of")
     print("the right image's dots the spread of strength [%] and what is off [DN]: even, by place")
     for room, scene in first.items():

@@ -23,6 +23,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from rooms import first_of_each
 from table_gap import bounds
 
 from diagnosis.diagnose_captures import as_text, diagnose_captures
@@ -75,11 +76,7 @@ def main() -> None:
 
 def chosen(whole: Path, part: Path, rooms: list[str]) -> None:
     """Write a capture set that has the first scene of each room."""
-    first = {}
-    for scene in capture.open_set(whole).scenes:
-        if not rooms or scene.room in rooms:
-            first.setdefault(scene.room, scene)
-    for scene in first.values():
+    for scene in first_of_each(whole, rooms).values():
         shutil.copytree(scene.path, part / scene.name)
     shutil.copy(whole / "capture.toml", part)
 

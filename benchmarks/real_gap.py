@@ -19,6 +19,7 @@ from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
+from rooms import first_of_each
 
 from diagnosis import nuisances
 from diagnosis.named import screened
@@ -26,7 +27,7 @@ from diagnosis.subject import subject
 from diagnosis.which.bench import bench
 from diagnosis.which.candidates import Arm
 from diagnosis.which.likelihood import squares
-from sim import asked_sensor, capture
+from sim import asked_sensor
 from sim.capture import CapturedScene
 from sim.scenes import ambient_share
 from sim.sensor import Sensor
@@ -47,10 +48,7 @@ def main() -> None:
     asked = parser.parse_args()
     path = Path(os.environ["STARLING_CAPTURES"]) / "d415-faro"
     sensor = asked_sensor.load(asked.sensor, captures=str(path))
-    first: dict[str, CapturedScene] = {}
-    for scene in capture.open_set(path).scenes:
-        if scene.room in asked.rooms:
-            first.setdefault(scene.room, scene)
+    first = first_of_each(path, asked.rooms)
     evenly = mock.patch.object(ambient_share, "told", return_value=None)
     unmoved = mock.patch.object(nuisances, "of_reference", return_value={})
     with evenly, unmoved:

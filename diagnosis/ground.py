@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from learning.geometry.filled import filled
 from learning.geometry.planes import NORMAL_RADIUS_PX, fit_planes, incidence_cosine
 from sim.capture_info import CaptureInfo
+from sim.filled import filled
 from sim.metrics import EDGE_JUMP_PX
 from sim.pinhole import Pinhole
 

@@ -6,15 +6,17 @@ What a small motion does to a disparity map is linear in its six numbers.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from calibration.variable_projection import cut
 from sim.capture import CapturedScene
 from sim.capture_info import CaptureInfo
+from sim.filled import filled
 from sim.metrics import MAD_TO_SIGMA, depth_edges
 from sim.scene import ModelError
 
@@ -57,16 +59,15 @@ def fitted(off_px: Map, depth_m: NDArray, info: CaptureInfo) -> ModelError | Non
     208, 1980), by least squares that are weighted anew (Holland and Welsch, Commun. Stat. A6,
     1977, Cauchy's weights) with a Gaussian prior.
     """
-    known = np.isfinite(off_px) & ~depth_edges(info.disparity_px(depth_m))
-    columns = [_change(depth_m, info, *np.eye(6)[number].reshape(2, 3)) for number in range(6)]
-    known &= np.all([np.isfinite(one) for one in columns], axis=0)
-    cells = [
-        [_median(one, known, place) for one in (off_px, *columns)] for place in _full_cells(known)
-    ]
-    if len(cells) < 6 * _ALIKE:
+    known = np.isfinite(off_px) & np.isfinite(depth_m) & ~depth_edges(info.disparity_px(depth_m))
+    full = cut(known, _CELL_PX).mean(axis=1) >= _FULL
+    if np.count_nonzero(full) < 6 * _ALIKE:
         return None
-    rows = np.array(cells)
-    off, matrix = rows[:, 0], rows[:, 1:]
+    off, *columns = (
+        np.nanmedian(cut(np.where(known, one, np.nan), _CELL_PX)[full], axis=1)
+        for one in (off_px, *_changes(depth_m, info))
+    )
+    matrix = np.stack(columns, axis=1)
     prior = np.diag(np.repeat([np.deg2rad(_TURN_DEG), _SHIFT_M], 3) ** -2.0)
     found = np.zeros(6)
     for _ in range(_ROUNDS):
@@ -88,7 +89,7 @@ def moved(depth_m: NDArray[np.float32], info: CaptureInfo, pose: ModelError) -> 
         pose: shift and turn; some pixels in the image at most.
     """
     turn, shift = np.deg2rad(pose.turn_deg), np.asarray(pose.shift_m)
-    flow_x, flow_y, further = _flow(_filled(depth_m), info, turn, shift)
+    flow_x, flow_y, further = _flow(_whole(depth_m), info, turn, shift)
     here = np.indices(depth_m.shape)[::-1].astype(np.float32)  # Columns, rows.
     source = here
     for _ in range(2):
@@ -102,17 +103,14 @@ def moved(depth_m: NDArray[np.float32], info: CaptureInfo, pose: ModelError) -> 
     return np.asarray(info.focal_baseline_px_m / there + deeper, np.float32)
 
 
-def _change(depth_m: NDArray, info: CaptureInfo, turn: Map, shift: Map) -> Map:
-    """Disparity (h, w) that a small motion adds, at pixels of the left view."""
-    filled = _filled(depth_m)
-    flow_x, flow_y, further = _flow(filled, info, turn, shift)
-    disparity = np.asarray(cv2.GaussianBlur(info.disparity_px(filled), (0, 0), _SMOOTHED_PX))
+def _changes(depth_m: NDArray, info: CaptureInfo) -> Iterator[Map]:
+    """Disparity (h, w) that each of the six small motions adds, at pixels of the left view."""
+    whole = _whole(depth_m)
+    disparity = np.asarray(cv2.GaussianBlur(info.disparity_px(whole), (0, 0), _SMOOTHED_PX))
     down, along = np.gradient(disparity)
-    return np.where(
-        np.isfinite(depth_m),
-        -along * flow_x - down * flow_y - disparity * further / filled,
-        np.nan,
-    )
+    for turn, shift in np.eye(6).reshape(6, 2, 3):
+        flow_x, flow_y, further = _flow(whole, info, turn, shift)
+        yield -along * flow_x - down * flow_y - disparity * further / whole
 
 
 def _remapped(image: Map, places: NDArray[np.float32], between: int) -> NDArray[np.float32]:
@@ -128,36 +126,18 @@ def _remapped(image: Map, places: NDArray[np.float32], between: int) -> NDArray[
     return np.asarray(found, np.float32)
 
 
-def _flow(filled: Map, info: CaptureInfo, turn: Map, shift: Map) -> tuple[Map, Map, Map]:
+def _flow(whole: Map, info: CaptureInfo, turn: Map, shift: Map) -> tuple[Map, Map, Map]:
     """Motion in the image [px] of the points that pixels show, and in depth [m]."""
-    y, x = np.indices(filled.shape)
+    y, x = np.indices(whole.shape)
     ray_x, ray_y = (x - info.cx_px) / info.fx_px, (y - info.cy_px) / info.fy_px
-    points = np.stack([ray_x * filled, ray_y * filled, filled], axis=-1)
+    points = np.stack([ray_x * whole, ray_y * whole, whole], axis=-1)
     moves = np.cross(turn, points) + shift
     further = moves[..., 2]
-    flow_x = info.fx_px * (moves[..., 0] - ray_x * further) / filled
-    flow_y = info.fy_px * (moves[..., 1] - ray_y * further) / filled
+    flow_x = info.fx_px * (moves[..., 0] - ray_x * further) / whole
+    flow_y = info.fy_px * (moves[..., 1] - ray_y * further) / whole
     return flow_x, flow_y, further
 
 
-def _filled(depth_m: NDArray) -> Map:
+def _whole(depth_m: NDArray) -> Map:
     """Depth with that of the nearest known pixel where it is unknown."""
-    nearest = ndimage.distance_transform_edt(
-        ~np.isfinite(depth_m), return_distances=False, return_indices=True
-    )
-    return depth_m[tuple(np.asarray(nearest))].astype(np.float64)
-
-
-def _full_cells(known: NDArray[np.bool_]) -> list[tuple[slice, slice]]:
-    """Squares of the image in which enough is known."""
-    height, width = known.shape
-    places = [
-        (slice(y, y + _CELL_PX), slice(x, x + _CELL_PX))
-        for y in range(0, height - _CELL_PX + 1, _CELL_PX)
-        for x in range(0, width - _CELL_PX + 1, _CELL_PX)
-    ]
-    return [place for place in places if known[place].mean() >= _FULL]
-
-
-def _median(image: Map, known: NDArray[np.bool_], place: tuple[slice, slice]) -> float:
-    return float(np.median(image[place][known[place]]))
+    return filled(depth_m, np.isfinite(depth_m)).astype(np.float64)

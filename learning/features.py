@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from learning.example import Example
 from learning.geometry.edges import edges_left, edges_right
-from learning.geometry.filled import filled
 from learning.geometry.planes import fit_planes, incidence_cosine, surface_planes
 from learning.geometry.thickness import gap_width, thickness
 from learning.geometry.visibility import seen_from, signed_distance
@@ -18,6 +17,7 @@ from learning.training import channels
 from patterns import errors
 from sim import sensors
 from sim.capture_info import CaptureInfo
+from sim.filled import filled
 from sim.metrics import depth_edges
 from sim.pinhole import Pinhole
 

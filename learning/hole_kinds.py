@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 
 from learning.example import Example, Mask
-from learning.geometry.filled import filled
 from learning.geometry.planes import fit_planes, incidence_cosine
 from learning.geometry.visibility import seen_from
+from sim.filled import filled
 from sim.metrics import depth_edges
 from sim.pinhole import Pinhole
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, optimize
 
 from patterns.errors import refuse
+from sim.filled import filled
 
 EDGE_JUMP_PX = 1.0  # A step between neighbours above this is a depth edge [px of disparity].
 EDGE_MARGIN_PX = 2  # Pixels this near a depth edge do not count: the reference is unsure there.
@@ -53,11 +54,10 @@ def depth_edges(disparity_px: NDArray) -> NDArray[np.bool_]:
     known = np.isfinite(disparity_px)
     if not known.any():
         return np.zeros(known.shape, bool)
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    filled = disparity_px[tuple(np.asarray(nearest))]
+    whole = filled(disparity_px, known)
     edge = np.zeros(known.shape, np.uint8)
-    across = np.abs(np.diff(filled, axis=1)) > EDGE_JUMP_PX
-    down = np.abs(np.diff(filled, axis=0)) > EDGE_JUMP_PX
+    across = np.abs(np.diff(whole, axis=1)) > EDGE_JUMP_PX
+    down = np.abs(np.diff(whole, axis=0)) > EDGE_JUMP_PX
     edge[:, 1:] |= across
     edge[:, :-1] |= across
     edge[1:] |= down

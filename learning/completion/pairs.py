@@ -21,12 +21,12 @@ from learning import captured
 from learning.completion.frame import Frame, Image, Mask, checked
 from learning.completion.readers.item import colour
 from learning.example import Example
-from learning.geometry.filled import filled
 from learning.hole_kinds import hole_kinds
 from patterns.errors import InputError, one_of, refuse
 from sim import exr, png
 from sim.capture import CapturedScene
 from sim.capture_info import CaptureInfo
+from sim.filled import filled
 from sim.pinhole import Pinhole
 from sim.png import GreyImage
 from sim.reason import Reason

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.geometry.filled import filled
+from sim.filled import filled
 from sim.pinhole import Pinhole
 
 Image = NDArray[np.float32]

@@ -17,10 +17,10 @@ from scipy import optimize
 
 from learning import model_file
 from learning.example import Example, Image
-from learning.geometry.filled import filled
 from learning.geometry.planes import NORMAL_RADIUS_PX, fit_planes, incidence_cosine
 from learning.learnable import check_learnable, known_holes
 from sim import progress
+from sim.filled import filled
 from sim.pinhole import Pinhole
 
 _VERSION = 1

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from learning.example import Example, Image, Physics
-from learning.geometry.filled import filled
 from learning.geometry.planes import fit_planes, incidence_cosine
 from learning.physics_probability import as_precise_as_physics, physics_probability
 from patterns import errors
 from sim.capture_info import CaptureInfo
+from sim.filled import filled
 from sim.pinhole import Pinhole
 from sim.reason import Reason
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from sim.filled import filled
 from sim.light.signals import Signals
 from sim.scenes import depth_mesh
 
@@ -48,7 +48,8 @@ def told(dotted: Array, light: Signals, disparity_px: Array) -> Array | None:
     """
     if not light.laser.any():
         return None
-    guide = _filled(depth_mesh.smoothed(depth_mesh.closed(disparity_px)))
+    surface_px = depth_mesh.smoothed(depth_mesh.closed(disparity_px))
+    guide = np.ascontiguousarray(filled(surface_px, np.isfinite(surface_px)), np.float32)
     laser = np.asarray(light.laser / np.mean(light.laser), np.float32)
     ambient = np.asarray(light.ambient / np.mean(light.laser), np.float32)
     level = _mean(dotted, guide, _LEVEL_PX)
@@ -79,13 +80,6 @@ def told(dotted: Array, light: Signals, disparity_px: Array) -> Array | None:
     found = np.clip(found, _LEAST * middle, _MOST * middle)
     share = cv2.medianBlur(np.asarray(found / np.median(found), np.float32), _SLIVER_PX)
     return np.asarray(share, np.float32)
-
-
-def _filled(disparity_px: Array) -> Array:
-    nearest = ndimage.distance_transform_edt(
-        ~np.isfinite(disparity_px), return_distances=False, return_indices=True
-    )
-    return np.ascontiguousarray(disparity_px[tuple(np.asarray(nearest))], np.float32)
 
 
 def _mean(image: NDArray, guide: Array, sigma_px: float) -> Array:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+
+from sim.filled import filled
 
 Array = NDArray[np.float32]
 
@@ -33,10 +34,8 @@ def unmixed(image: Array, disparity_px: Array, sigma_px: float) -> Array:
     Source: Richardson, J. Opt. Soc. Am. 62, 1972, eq. 7; domain transform: Gastal and Oliveira,
     ACM Trans. Graph. 30 (SIGGRAPH 2011), normalised convolution.
     """
-    nearest = ndimage.distance_transform_edt(
-        ~np.isfinite(disparity_px), return_distances=False, return_indices=True
-    )
-    guide = np.ascontiguousarray(disparity_px[tuple(np.asarray(nearest))], np.float32)
+    whole_px = filled(disparity_px, np.isfinite(disparity_px))
+    guide = np.ascontiguousarray(whole_px, np.float32)
     least = np.float32(_DARKEST * max(float(image.max()), 1e-30))
     found = image
     for _ in range(_PASSES):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from learning.completion.classical.outcome import completed, trusted
 from learning.completion.frame import Frame
 from learning.completion.method import Completed
-from learning.geometry.filled import filled
+from sim.filled import filled
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -15,8 +15,8 @@ import numpy as np
 from learning.completion.classical.outcome import completed, guide, inverse, trusted
 from learning.completion.frame import Frame
 from learning.completion.method import Completed
-from learning.geometry.filled import filled
 from patterns.errors import in_interval
+from sim.filled import filled
 
 _REACHED = 1e-6  # Share of a valid pixel's weight that must arrive.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from learning.completion.classical.outcome import trusted
 from learning.completion.classical.wls import WeightedLeastSquares
 from learning.completion.frame import Frame, Image, Mask
-from learning.geometry.filled import filled
+from sim.filled import filled
 
 NAMES = ("left", "right", "above", "below", "nearest", "smooth")
 
