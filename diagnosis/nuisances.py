@@ -24,6 +24,7 @@ from sim.scene import ModelError, Scene
 from sim.scenes.room_light import LIT_ROOM_W_M2
 from sim.sensor import Sensor
 from sim.sensor_edits import with_values
+from sim.simulate_captures import scene_seed
 from sim.stage import Stage
 
 AMBIENT, SCALE = "ambient", "pattern_scale"  # Rows of the effect table.
@@ -70,7 +71,8 @@ def of_reference(captured: CapturedScene, sensor: Sensor) -> Nuisances:
         return {}
     scene = estimated.surface(captured)
     layers = simulate.rendered(Stage(scene), sensor, samples=1)
-    pair = simulate.infrared(layers, scene, sensor)
+    seed = scene_seed(0, f"pose of {captured.name}")  # Else all poses would share its noise.
+    pair = simulate.infrared(layers, scene, sensor, seed=seed)
     assert pair.right is not None
     real_px = matched(frame.ir_left[None], frame.ir_right[None], sensor)[0]
     simulated_px = matched(pair.left[None], pair.right[None], sensor)[0]

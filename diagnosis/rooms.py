@@ -55,7 +55,7 @@ def interval(
     Args:
         drawn: (draws, ...) what rooms drawn anew give; NaN of draws that tell nothing.
         middle: (...) what the rooms themselves give.
-        count: (...) of the rooms; less than two tell nothing, which is NaN.
+        count: (...) of the rooms; fewer than `FEWEST` tell nothing, which is NaN.
 
     Returns:
         Both ends (...).
@@ -66,7 +66,7 @@ def interval(
     low, high = np.nanquantile(drawn, (tail, 1 - tail), axis=0)
     many = np.maximum(np.asarray(count, float), 2)
     wider = np.sqrt(many / (many - 1)) * stats.t.isf(tail, many - 1) / stats.norm.isf(tail)
-    wider = np.where(np.asarray(count) < 2, np.nan, wider)
+    wider = np.where(np.asarray(count) < FEWEST, np.nan, wider)
     return middle + wider * (low - middle), middle + wider * (high - middle)
 
 

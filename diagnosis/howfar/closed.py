@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.rooms import FEWEST, LEVEL, draws, interval
+from diagnosis.rooms import FEWEST, draws, interval
 
 _DRAWS = 2000
 
@@ -39,7 +39,7 @@ def closed(
         rooms: of the scenes.
 
     Returns:
-        By figure. A gap that is not there in 97.5 % of the draws of rooms is none: not
+        By figure. A gap whose 95 % interval over rooms reaches down to the floor is none: not
         identifiable. Of fewer than three rooms every scene must have it, and there is no interval.
     """
     found = {}
@@ -58,15 +58,20 @@ def closed(
 
 def _closed(before: NDArray, after: NDArray, floor: NDArray, rooms: Sequence[str]) -> Closed:
     times = draws(rooms, _DRAWS, np.random.default_rng(0))
-    closable = times @ (before - floor)
+    closable = times @ (before - floor) / times.sum(axis=1)
     count = len(set(rooms))
     share, ends = None, None
-    tail = (1 - LEVEL) / 2
-    if (np.quantile(closable, tail) if count >= FEWEST else (before - floor).min()) > 0:
+    if count >= FEWEST:
+        low, _ = interval(closable, float((before - floor).mean()), count)
+        least = float(low)
+    else:
+        least = float((before - floor).min())
+    if least > 0:
         share = float(100 * (before - after).sum() / (before - floor).sum())
     if share is not None and count >= FEWEST:
         gap = np.where(closable > 0, closable, np.nan)  # The few draws without one have no share.
-        low, high = interval(100 * (times @ (before - after)) / gap, share, count)
+        shrunk = times @ (before - after) / times.sum(axis=1)
+        low, high = interval(100 * shrunk / gap, share, count)
         ends = (float(low), float(high))
     return Closed(
         before=float(before.mean()),

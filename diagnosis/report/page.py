@@ -109,7 +109,9 @@ def _made(of: Diagnosis) -> str:
             f"{number(100 * OF_BEFORE[Arm.IMAGE], '.0f')} % of its size before "
             f"({number(100 * OF_BEFORE[Arm.DEPTH], '.0f')} % in the half of "
             f"matcher and filters). One room in {LOCKED}, of eight and more at least three, is "
-            "locked away by lot: nothing is fitted to it or named by it, and it judges how far."
+            "locked away by lot: no effect is fitted to it or named by it, and it judges how far. "
+            "What differs from scene to scene (pose of the reference, light, reflectance, scale of "
+            "the pattern) is fitted to each by itself, and where is told of all."
         )
         + (table(head, rows) if rows else "")
         + prose(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.ground import Ground, Mask
-from diagnosis.rooms import FEWEST, draws, interval, means
+from diagnosis.rooms import draws, interval, means
 from sim.statistics import mean_known
 
 MATERIAL = "material"  # Beside the covariates of `diagnosis.ground`.
@@ -128,9 +128,6 @@ def _t(gaps: NDArray) -> NDArray:
 
 def _interval(gaps: NDArray, rooms: Sequence[str]) -> tuple[NDArray, NDArray]:
     """95 % intervals of the means over scenes (see `rooms.interval`); NaN of too few rooms."""
-    if len(set(rooms)) < FEWEST:
-        nothing = np.full(gaps.shape[1], np.nan)
-        return nothing, nothing
     times = draws(rooms, _DRAWS, np.random.default_rng(1))
     known = np.isfinite(gaps)
     with np.errstate(invalid="ignore"):

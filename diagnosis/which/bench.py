@@ -292,9 +292,10 @@ def simulated_row(
 ) -> Row | None:
     """Simulate one scene; None where its sensor cannot have these values."""
     try:
-        row = _row(_simulated(of, columns.arm, settings, seed), of, columns)
+        reading = _simulated(of, columns.arm, settings, seed)
     except InputError:
         return None
+    row = _row(reading, of, columns)
     if columns.arm is Arm.DEPTH and BITS in settings:
         bits = {BITS: settings[BITS]}
         row += finer_row(of, columns, bits, seed) - finer_row(of, columns, {}, seed)

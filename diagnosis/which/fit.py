@@ -86,6 +86,7 @@ def fit(
     folds: Folds,
     *,
     given: Made | None = None,
+    over: Made | None = None,
     steps: int = _STEPS,
 ) -> Fit:
     """Fit a candidate on all scenes but a fold's, and judge it there.
@@ -94,13 +95,14 @@ def fit(
         signature: of the candidate.
         likelihood: of the gap.
         folds: masks (scenes,) of the scenes held out in each.
-        given: what other effects make; None where there are none.
+        given: what other effects make beside it; None where there are none.
+        over: what they make without it, which the gain is over; None where that is the same.
         steps: places tried between two nodes.
     """
     given = likelihood.nothing if given is None else given
     tried = places(signature, steps)
     cost = likelihood.cost(stacked([given + signature.at(place) for place in tried]))
-    nothing = likelihood.cost(given)
+    nothing = likelihood.cost(given if over is None else over)
     gain = held_out(cost, nothing, folds)
     return Fit(signature, float(tried[int(np.argmin(cost.sum(axis=1)))]), gain, cost, tried)
 

@@ -33,7 +33,10 @@ class Model:
         }
 
     def made(self, *, without: int | None = None) -> Made:
-        """What they make, all or all but one."""
+        """What they make, all or, of all that they make together, what is not one's alone.
+
+        What the others make by themselves lacks that of `beside` which the one has a part in.
+        """
         total = self.beside
         for number, (one, place) in enumerate(zip(self.terms, self.places, strict=True)):
             if number != without:

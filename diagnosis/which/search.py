@@ -11,7 +11,7 @@ import numpy as np
 from diagnosis.rooms import draws
 from diagnosis.which.bench import Table
 from diagnosis.which.fit import Fit, held_out, places
-from diagnosis.which.made import stacked
+from diagnosis.which.made import Made, stacked
 from diagnosis.which.model import ROUNDS, Model, simulated
 from diagnosis.which.signature import Signature, signature
 from diagnosis.which.strengths import coarse, sharper
@@ -21,7 +21,7 @@ from sim.effects.effect import Stage, Value
 MOST = 4  # Effects in one verdict.
 _PAIRED = 8  # Candidates among which pairs are tried.
 _COARSE = 4  # Places between nodes where pairs are tried.
-_BEGUN = 3  # Pairs that are simulated together.
+_BEGUN = 3  # Of the best, that are simulated until one is better.
 _LEVEL = 0.9  # Of intervals.
 _DRAWS = 400
 _OF_GAIN = 0.1  # Share of its own gain that an effect has to gain over another.
@@ -99,8 +99,9 @@ def _begun(first: Sequence[Fit], trial: Trial, every: Sequence[Fit]) -> Model:
     nothing = Model((), (), trial.likelihood.nothing)
     if not first or first[0].total < trial.threshold:
         return _enough(first, trial)
-    best = first[0]
-    alone = simulated(trial, nothing.wider(best)) or nothing
+    enough = [nothing.wider(one) for one in first if one.total >= trial.threshold]
+    single = (simulated(trial, one) for one in enough[:_BEGUN])
+    alone = next((one for one in single if one is not None), nothing)
     if not trial.explained(alone.made()):
         alone = _completed(alone, trial, every)
     for pair in _pairs(first, trial)[:_BEGUN]:
@@ -189,16 +190,16 @@ def _exchanged(model: Model, trial: Trial, signatures: Sequence[Signature]) -> M
     """
     for _ in range(ROUNDS):
         rest = model.others(signatures)
-        gains: list[tuple[float, int, Fit]] = []
+        gains: list[tuple[float, Model]] = []
         for number, term in enumerate(model.terms):
             given = model.made(without=number)
             own = trial.fit(term, given=given).total
             others = (trial.fit(one, given=given) for one in rest)
-            gains += [(other.total - own, number, other) for other in others]
-        more, number, best = max(gains, key=lambda each: each[0], default=(0.0, 0, None))
-        if best is None or more < trial.threshold:
-            break
-        other = _better(model.exchanged(number, best), model, trial)
+            gains += [(one.total - own, model.exchanged(number, one)) for one in others]
+        enough = [one for one in gains if one[0] >= trial.threshold]
+        likely = sorted(enough, key=lambda each: -each[0])[:_BEGUN]
+        found = (_better(one, model, trial) for _, one in likely)
+        other = next((one for one in found if one is not None), None)
         if other is None:
             break
         model = other
@@ -247,15 +248,27 @@ def _borne_out(model: Model, trial: Trial) -> Model:
     """Leave out what, simulated with the others, no longer gains enough on held-out scenes."""
     while model.terms:
         least = (_ENOUGH if _is_enough(model, trial) else 1) * trial.threshold
-        gains = [
-            trial.fit(one, given=model.made(without=number)).total
-            for number, one in enumerate(model.terms)
-        ]
+        gains = [_own(number, model, trial).total for number in range(len(model.terms))]
         worst = int(np.argmin(gains))
         if gains[worst] >= least or (less := _without(worst, model, trial)) is None:
             break
         model = less
     return model
+
+
+def _own(number: int, model: Model, trial: Trial) -> Fit:
+    """One of the effects, and what it gains over the others, simulated without it."""
+    return trial.fit(
+        model.terms[number],
+        given=model.made(without=number),
+        over=_others_alone(number, model, trial),
+    )
+
+
+def _others_alone(number: int, model: Model, trial: Trial) -> Made | None:
+    """What all but one make; None where the sensor cannot have them so."""
+    less = _without(number, model, trial)
+    return None if less is None else less.made()
 
 
 def _without(number: int, model: Model, trial: Trial) -> Model | None:
@@ -275,12 +288,11 @@ def _sensors_first(model: Model, trial: Trial, signatures: Sequence[Signature]) 
         own, others = _in_place(number, model, trial, signatures)
         least = max(trial.threshold, own.total - _AS_LIKELY)
         likely = [one for one in others if one.total > least and not _of_scene(one)]
-        if not likely:
-            continue
-        best = max(likely, key=lambda one: one.total)
-        found = simulated(trial, model.exchanged(number, best))
-        if found is not None and found.gain(model, trial.likelihood) > -_AS_LIKELY:
-            model = found
+        for one in sorted(likely, key=lambda one: -one.total)[:_BEGUN]:
+            found = simulated(trial, model.exchanged(number, one))
+            if found is not None and found.gain(model, trial.likelihood) > -_AS_LIKELY:
+                model = found
+                break
     return model
 
 
@@ -294,12 +306,12 @@ def _in_place(
     """One of the effects, and others in its place, given the rest; beside stand-ins no other is
     simulated closer.
     """
-    given = model.made(without=number)
+    given, over = model.made(without=number), _others_alone(number, model, trial)
     rest = model.others(signatures)
-    own = trial.fit(model.terms[number], given=given)
+    own = _own(number, model, trial)
     if trial.explained(model.made()):
-        return own, sharper(rest, trial, given, gained=own.total)
-    return own, [trial.fit(one, given=given) for one in rest]
+        return own, sharper(rest, trial, given, over=over, gained=own.total)
+    return own, [trial.fit(one, given=given, over=over) for one in rest]
 
 
 def _accepted(number: int, model: Model, trial: Trial, signatures: Sequence[Signature]) -> Accepted:

@@ -69,7 +69,12 @@ def _tried(side: Sequence[Value], base: float, *, slow: bool) -> list[int]:
 
 
 def sharper(
-    signatures: Sequence[Signature], trial: Trial, given: Made, *, gained: float = 0.0
+    signatures: Sequence[Signature],
+    trial: Trial,
+    given: Made,
+    *,
+    over: Made | None = None,
+    gained: float = 0.0,
 ) -> list[Fit]:
     """Fit candidates on top of others, those that gain most first, the best and those that come
     near it simulated at the strength where each fits, until none fits elsewhere or some rounds are
@@ -82,11 +87,12 @@ def sharper(
     Args:
         signatures: of the candidates.
         trial: the arm's.
-        given: what others make.
+        given: what others make beside a candidate.
+        over: what they make without any; None where that is the same.
         gained: by one that is simulated so already.
     """
     threshold = trial.threshold
-    found = _ranked([trial.fit(one, given=given) for one in signatures])
+    found = _ranked([trial.fit(one, given=given, over=over) for one in signatures])
     for _ in range(_ROUNDS):
         best = max([gained, *(one.total for one in found[:1])])
         if best < _PROMISING * threshold:
@@ -104,7 +110,7 @@ def sharper(
         for number, one in enumerate(found):
             if one.name in values:
                 sharp = with_node(one.signature, values[one.name], trial.bench)
-                found[number] = trial.fit(sharp, given=given)
+                found[number] = trial.fit(sharp, given=given, over=over)
         found = _ranked(found)
     return found
 

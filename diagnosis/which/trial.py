@@ -26,14 +26,17 @@ class Trial:
         """That of each scene."""
         return [one.room for one in self.bench.subjects]
 
-    def fit(self, signature: Signature, *, given: Made | None = None) -> Fit:
+    def fit(
+        self, signature: Signature, *, given: Made | None = None, over: Made | None = None
+    ) -> Fit:
         """Fit a candidate and judge it on scenes held out.
 
         Args:
             signature: of the candidate.
-            given: what other effects make; None where there are none.
+            given: what other effects make beside it; None where there are none.
+            over: what they make without it, which the gain is over; None where that is the same.
         """
-        return fit(signature, self.likelihood, self.folds, given=given)
+        return fit(signature, self.likelihood, self.folds, given=given, over=over)
 
     def explained(self, made: Made) -> bool:
         """Whether no more is left than effects leave that are named rightly.

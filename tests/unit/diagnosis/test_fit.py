@@ -183,9 +183,11 @@ def test_rivals_of_stand_ins_are_not_simulated_closer(below, rounds, monkeypatch
     """Where more is left than what is named leaves, nothing is named: rivals need not be right."""
     beside: list[float] = []
 
-    def sharper(*arguments: Any, **gained: float) -> Any:
-        beside.extend(gained.values())
-        return strengths.sharper(*arguments, **gained)
+    def sharper(*arguments: Any, gained: float | None = None, **others: Any) -> Any:
+        if gained is None:
+            return strengths.sharper(*arguments, **others)
+        beside.append(gained)
+        return strengths.sharper(*arguments, gained=gained, **others)
 
     monkeypatch.setattr(search, "sharper", sharper)
     likelihood = likelihood_of({"veil": 0.5}, 7)

@@ -39,9 +39,9 @@ def test_intervals_of_few_rooms_cover_as_often_as_they_say():
         assert (high - low > np.diff(narrow, axis=0)[0]).all()
 
 
-def test_of_one_room_there_is_no_interval():
+def test_of_two_rooms_there_is_no_interval():
     drawn = np.zeros((9, 2))
-    low, high = rooms.interval(drawn, np.zeros(2), np.array([1, 2]))
+    low, high = rooms.interval(drawn, np.zeros(2), np.array([2, 3]))
     assert np.isnan(low[0]) and np.isnan(high[0]) and low[1] == high[1] == 0
 
 
