@@ -7,8 +7,10 @@ of another pattern has to find none. Effects depart from what was fitted, by han
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from numpy.testing import assert_allclose
 from diagnosis import check_camera, estimated, named, nuisances, pose, subject
 from diagnosis.nuisances import AMBIENT, SCALE, SHIFT, TURN, Nuisance
 from diagnosis.which.candidates import Arm
-from sim import capture, png
+from sim import capture, png, simulate
 from sim.capture import CapturedScene
 from sim.depth import to_code
 from sim.scene import ModelError
@@ -126,6 +128,21 @@ def test_a_reference_that_stands_off_is_put_right(warm, tmp_path):
     assert_allclose(one.ground.disparity_px[known], info.disparity_px(right.truth_m())[known])
     assert "model_turn" not in {each.name for each in named.tried(Arm.IMAGE, [one])}
     assert nuisances.own({"model_turn": 0.3}, one.nuisances) == {"model_turn": 0.3}
+
+
+def test_each_scene_s_pose_is_fitted_with_noise_of_its_own(warm, monkeypatch):
+    """Else what noise makes of one would be made of all, as the camera's own."""
+    seeds: list[int] = []
+    infrared = simulate.infrared
+
+    def drawn(*arguments: Any, seed: int) -> simulate.Pair:
+        seeds.append(seed)
+        return infrared(*arguments, seed=seed)
+
+    monkeypatch.setattr(simulate, "infrared", drawn)
+    for name in ("hall", "attic"):
+        assert nuisances.of_reference(dataclasses.replace(warm, name=name), SENSOR)
+    assert len(set(seeds)) == len(seeds) == 2
 
 
 def test_no_reference_is_moved_without_a_pair(warm, tmp_path):

@@ -73,6 +73,14 @@ def test_kept_rows_are_of_one_scene_whatever_it_holds_out_of_view(tmp_path: Path
     assert benches[0]._digests != benches[1]._digests
 
 
+def test_what_is_expected_is_without_speckle_and_flicker():
+    """Their draw is one for all scenes: bins and residuals would show it in every one."""
+    quiet = sensor(("projector.speckle_contrast", 0.0), ("projector.flicker", 0.0))
+    loud = sensor(("projector.speckle_contrast", 0.25), ("projector.flicker", 0.3))
+    one, other = (subject(of).ground.expected for of in (quiet, loud))
+    np.testing.assert_array_equal(one, other)
+
+
 def test_another_device_with_as_many_faulty_dots_is_no_gap():
     faulty = sensor(("projector.dropped_dots", 0.05))
     of = subject(faulty)

@@ -9,7 +9,8 @@ import pytest
 
 from diagnosis.which import search
 from diagnosis.which.fit import fit
-from diagnosis.which.model import Model
+from diagnosis.which.made import Made
+from diagnosis.which.model import Model, simulated
 from diagnosis.which.signature import Signature
 from tests.unit.diagnosis.made_gaps import (
     BASE,
@@ -117,3 +118,67 @@ def test_what_does_not_gain_enough_beside_the_others_is_left_out():
         both = Model(terms, (1.67, 0.1), likelihood.nothing)
         found = search._borne_out(both, trial(FakeBench(), likelihood))
         assert list(found.settings) == left
+
+
+class Overlapping(FakeBench):
+    """What veil makes beside crosstalk is nearly all made by that already."""
+
+    def change(self, settings: dict[str, Any]) -> np.ndarray | None:
+        table = super().change(settings)
+        if table is None or not {"veil", "crosstalk"} <= settings.keys():
+            return table
+        place = float(np.interp(settings["veil"], VALUES, range(len(VALUES))))
+        return table - 0.97 * self.made["veil"].at(place).change
+
+
+def test_what_an_effect_gains_is_over_what_the_others_alone_make():
+    """Not over their sum, which lacks what all make together."""
+    bench = Overlapping()
+    likelihood = likelihood_of({"crosstalk": 0.4}, 7)
+    asked = trial(bench, likelihood)
+    terms, sum_of = (MADE["crosstalk"], MADE["veil"]), FakeBench().change
+    values = {"crosstalk": 0.4, "veil": 0.5}
+    beside = Made(bench.change(values) - sum_of(values))
+    both = Model(terms, (np.interp(0.4, VALUES, range(4)), 2.0), beside)
+    summed = asked.fit(MADE["veil"], given=both.made(without=1))
+    assert summed.total > 2 * asked.threshold > 0
+    assert search._own(1, both, asked).total < asked.threshold / 2
+    assert list(search._borne_out(both, asked).settings) == ["crosstalk"]
+
+
+class Refusing(FakeBench):
+    """Has a sensor that no veil can be set in."""
+
+    def change(self, settings: dict[str, Any]) -> np.ndarray | None:
+        return None if "veil" in settings else super().change(settings)
+
+
+def test_where_the_best_cannot_be_set_the_next_is_named():
+    whole = MADE["veil"].change
+    like = np.where(np.arange(FEATURES) % 8, whole, 0.0)
+    made = {"veil": MADE["veil"], "crosstalk": Signature(candidate("crosstalk"), VALUES, like)}
+    likelihood = BASE.likelihood(whole[2] + noise(9), ONES)
+    closer = sorted(
+        (fit(one, likelihood, HELD) for one in made.values()), key=lambda one: -one.total
+    )
+    assert closer[0].name == "veil"
+    found = search.search(trial(Refusing(made), likelihood), closer, [])
+    assert list(found.settings) == ["crosstalk"]
+
+
+def test_where_what_gains_most_in_a_place_cannot_be_set_the_next_is_put_there():
+    whole = MADE["veil"].change
+    like = np.where(np.arange(FEATURES) % 8, whole, 0.0)
+    made = {
+        **MADE,
+        "dot_blur": Signature(candidate("dot_blur"), VALUES, 0.5 * whole),
+        "dsnu": Signature(candidate("dsnu"), VALUES, like),
+    }
+    gap = whole[-1] + MADE["crosstalk"].change[2] + noise(7)
+    likelihood = BASE.likelihood(gap, ONES)
+    asked = trial(Refusing(made), likelihood)
+    terms = (made["dot_blur"], MADE["crosstalk"])
+    model = simulated(asked, Model(terms, (3.0, 2.0), likelihood.nothing))
+    assert model is not None
+    found = search._exchanged(model, asked, [MADE["veil"], made["dsnu"]])
+    assert set(found.settings) == {"dsnu", "crosstalk"}

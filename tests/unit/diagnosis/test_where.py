@@ -274,6 +274,16 @@ def test_scenes_of_one_room_are_one_piece_of_evidence():
     assert np.isnan(row.low) and np.isnan(row.high)
 
 
+def test_what_is_seen_in_two_rooms_of_many_has_no_interval():
+    first, second = ([holes(seed + scene) for scene in range(SCENES)] for seed in (0, 50))
+    everywhere = np.ones(DISPARITY.shape, bool)
+    for many in (2, 3):
+        seen = [{"felt": everywhere} if scene < many else {} for scene in range(SCENES)]
+        rows = table.table(first, second, [GROUND] * SCENES, ROOMS, seen)
+        (felt,) = (row for row in rows if row.bin == "felt")
+        assert np.isnan(felt.low) == np.isnan(felt.high) == (many < 3)
+
+
 @pytest.mark.parametrize("count", [3, 6])
 def test_a_map_of_few_scenes_is_rarely_clear(count):
     """Of cells of noise one in 370 is beyond three deviations, however few scenes there are."""
