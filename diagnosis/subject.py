@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from diagnosis import estimated, laid_on, nuisances, projector_frame
 from diagnosis.estimated import Estimates
+from diagnosis.expected import STILL, expected
 from diagnosis.ground import Ground, ground
 from diagnosis.laid_on import Exposed, Known, Pair
 from diagnosis.nuisances import Nuisances
@@ -47,14 +48,6 @@ from sim.stage import Stage
 _SAMPLES = 4  # Paths of indirect light,
 _STEP_PX = 2.0  # and image motion between the moments of one exposure.
 _FINER_BITS = 8  # That codes are simulated with where they are not to be rounded.
-# What an image has beside its scene, at its neutral.
-_STILL = (
-    ("imager.shot_noise", 0.0),
-    ("imager.read_noise_e", 0.0),
-    ("imager.prnu", 0.0),
-    ("imager.dsnu_e", 0.0),
-    ("projector.speckle_contrast", 0.0),
-)
 
 
 @dataclass(slots=True, eq=False)
@@ -240,7 +233,7 @@ class Subject:
             assert pair.matched_right is not None
             return pair.matched_left * scale, pair.matched_right * scale
 
-        still = taken(sensor_edits.with_values(fine, _STILL), 0)
+        still = taken(sensor_edits.with_values(fine, STILL), 0)
         return sensor, Exposed([taken(fine, frame) for frame in range(self.frames)], still)
 
 
@@ -368,9 +361,6 @@ def of_scene(
         truth_m = layers.truth.depth_m
     if not np.isfinite(truth_m).any():
         raise refuse(f"scene {name}", "must have reference depth", "none", "Leave it out.")
-    # All scenes have one field of speckle: bins and residuals would tell of it in every one.
-    still = sensor_edits.with_values(sensor, (*_STILL, ("projector.flicker", 0.0)))
-    expected = simulate.infrared(layers, scene, still).electrons
     info = info_of(sensor, source="diagnosis", licence="-", notes="")
     return Subject(
         name=name,
@@ -379,7 +369,7 @@ def of_scene(
         sensor=sensor,
         ground=ground(
             info.disparity_px(truth_m),
-            expected * np.float32(sensor.left.dn_per_electron),
+            expected(layers, scene, sensor),
             info,
             body=layers.left.body,
             projector=projector_frame.tangents(truth_m, sensor),
