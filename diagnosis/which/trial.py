@@ -19,7 +19,7 @@ class Trial:
     likelihood: Likelihood  # Of the gap.
     folds: Folds  # Scenes held out.
     threshold: float  # Least gain of an effect.
-    explained_below: float = 0.0  # Size of what is left up to which nothing else is looked for.
+    explained_below: float  # Size of what is left up to which nothing else is looked for.
 
     @property
     def rooms(self) -> list[str]:

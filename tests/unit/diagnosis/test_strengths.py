@@ -187,7 +187,13 @@ def sharpened(bench: Any, value: float, nodes: tuple[float, ...]) -> tuple[Signa
     likelihood = BASE.likelihood(change + noise(5), ONES)
     one = simulated_signature(candidate("veil"), bench, nodes)
     assert one is not None
-    asked = Trial(bench=bench, likelihood=likelihood, folds=HELD, threshold=LEAST_GAIN)
+    asked = Trial(
+        bench=bench,
+        likelihood=likelihood,
+        folds=HELD,
+        threshold=LEAST_GAIN,
+        explained_below=0.0,
+    )
     (found,) = strengths.sharper([one], asked, likelihood.nothing)
     return found.signature, float(found.value), found.total - fit(one, likelihood, HELD).total
 
