@@ -1,8 +1,10 @@
 """How strong effects have to be to be found, by the camera of the check on withheld effects.
 
 Makes `diagnosis/withheld/detection.json` anew: two sets of ten scenes of development, captured by
-that camera without any effect. A limit has to hold in both (`diagnosis.detection`). What was
-simulated is kept in WORK: a run that was stopped goes on.
+that camera without any effect. A limit has to hold in both (`diagnosis.detection`). A run that was
+stopped goes on: WORK keeps light and captures by the code that made them, and what was simulated by
+all that it follows from. Of some effects alone a file of its own is made: limits of two codes are
+not to be in one.
 
 Usage:
     python benchmarks/detection_limits.py --work WORK [--out FILE] [--effects NAME...]
@@ -22,12 +24,14 @@ from typing import Any
 
 from diagnosis import detection, light_sets
 from diagnosis.check_camera import camera
-from diagnosis.withheld import limits, programs, shoot
+from diagnosis.withheld import limits, programs, seal, shoot
 from diagnosis.withheld.case import Case
+from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.tier import TIERS, Tier
 from sim import sensors
 from sim.threads import single_threaded
 
+ROOT = Path(__file__).parents[1]
 FIRST = (9300, 9310)  # Scenes of each set, that no case was ever drawn on.
 NULL = Case(number=0, kind="null", settings={}, seed=1)
 
@@ -38,17 +42,42 @@ def main() -> None:
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--out", type=Path, default=limits.FILE)
     parser.add_argument(
-        "--effects", nargs="*", default=[], help="that are asked about; all if none"
+        "--effects", nargs="*", default=[], help="that are asked about, with --out; all if none"
     )
     asked = parser.parse_args()
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True
-    ).stdout.strip()
-    with ProcessPoolExecutor(len(FIRST)) as pool:
-        each = list(pool.map(partial(of_set, asked.work, asked.effects), FIRST))
-    made = {"scenes": [of_tier(first).names(0) for first in FIRST], "commit": commit}
-    told = {"made of": made, **detection.in_each(each)}
+    if asked.effects and asked.out.exists():
+        rule = "must be a new file where effects are named, whose limits alone it would hold"
+        advice = "Give --out, or leave --effects away."
+        parser.error(str(refusal("out", rule, asked.out, advice)))
+    told = of_both(asked.work, asked.effects)
     asked.out.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+
+
+def of_both(work: Path, effects: list[str]) -> dict[str, Any]:
+    """Limits that hold in both sets, and what they are made of.
+
+    Raises:
+        WithheldError: if the code became another meanwhile.
+    """
+    code, commit = seal.code(), committed()
+    with ProcessPoolExecutor(len(FIRST)) as pool:
+        each = list(pool.map(partial(of_set, work, effects, code), FIRST))
+    if seal.code() != code:
+        advice = "Run it again: what was simulated is kept."
+        raise refusal("code", "must stay what it was at the start", "another", advice)
+    made = {"scenes": [of_tier(first).names(0) for first in FIRST], "commit": commit}
+    return {"made of": made, **detection.in_each(each)}
+
+
+def committed() -> str:
+    """Commit of this file's tree, and whether there are changes since."""
+    commit, changes = (
+        subprocess.run(
+            ["git", *words], cwd=ROOT, capture_output=True, text=True, check=True
+        ).stdout.strip()
+        for words in (("rev-parse", "--short", "HEAD"), ("status", "--porcelain"))
+    )
+    return f"{commit} with changes" if changes else commit
 
 
 def of_tier(first: int) -> Tier:
@@ -56,11 +85,19 @@ def of_tier(first: int) -> Tier:
     return dataclasses.replace(TIERS[1], first=first)
 
 
-def of_set(work: Path, effects: list[str], first: int) -> dict[str, Any]:
-    """Limits in one set of scenes."""
+def of_set(work: Path, effects: list[str], code: str, first: int) -> dict[str, Any]:
+    """Limits in one set of scenes.
+
+    Args:
+        work: keeps what is made.
+        effects: that are asked about; all if none.
+        code: fingerprint of what makes light and captures, which others cannot use.
+        first: of the scenes.
+    """
     single_threaded()
     tier = of_tier(first)
-    light, captures = work / str(first) / "light", work / str(first) / "captures"
+    made = work / str(first) / code[:16]
+    light, captures = made / "light", made / "captures"
     sensor = camera(tier.width, tier.height)
     if not light.exists():
         light_sets.write(light, tier.names(0), sensor)

@@ -204,6 +204,8 @@ def _levels(
     from calibration.photometry.photometry_fit import PARAMETERS, fit_photometry
 
     asked = PARAMETERS if PHOTOMETRY in free else ()
+    if asked:  # Levels that are held are the start's, as the map is.
+        observations = [_evenly_lit(one) for one in observations]
     layers = _layers(observations, sensor, recovered)
     exposures = {one.name: one.exposure for one in observations if one.exposure is not None}
     levels = fit_photometry(observations, sensor, layers=layers, exposures=exposures, free=asked)
@@ -215,6 +217,17 @@ def _levels(
     if NOISE in free:
         out[NOISE] = fit_noise(observations, levels.predictions, fitted)
     return out
+
+
+def _evenly_lit(one: Observation) -> Observation:
+    """Drop the map of ambient light by place.
+
+    It was told by the same dots under the start's haze, which would fit best whatever it is.
+    """
+    if one.scene is None or all(body.ambient_share is None for body in one.scene.bodies):
+        return one
+    bodies = tuple(dataclasses.replace(body, ambient_share=None) for body in one.scene.bodies)
+    return dataclasses.replace(one, scene=dataclasses.replace(one.scene, bodies=bodies))
 
 
 def _layers(

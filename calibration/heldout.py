@@ -1,8 +1,10 @@
 """How like a held-out scene's real infrared its re-simulation is.
 
-The scene's surface is its reference; its reflectance is its own left image, smoothed until no dot
-is left in it. Everything else comes from the calibrated sensor, but for one number: the scene's
-pattern scale, as the laser's wavelength drifts with temperature and nobody measured that.
+The scene's surface is its reference. Its own left image tells its reflectance, smoothed until no
+dot is left in it, the level of its ambient light and, where dots are the sensor's, how that varies
+by place: all three with the sensor that the fit began from. The right image has no say in these.
+Both images tell one number, the scene's pattern scale, as the laser's wavelength drifts with
+temperature and nobody measured that. Everything else comes from the calibrated sensor.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from calibration.observation import Observation, truth_px
 from patterns import errors
 from sim import metrics
 from sim.depth import disparity_from_depth
-from sim.sensor import Imager, Sensor
+from sim.sensor import Sensor
 
 if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
     from sim.stage import Stage
@@ -38,7 +40,7 @@ class Scored:
     room: str
     scale: float  # Pattern scale that its images were simulated with.
     real: dict[Side, Array]  # (h, w) [DN]
-    simulated: dict[Side, Array]  # (h, w) [DN], without noise.
+    simulated: dict[Side, Array]  # (h, w) [DN above black], without noise.
     ncc: dict[Side, Array]  # (n,) of the windows, simulated against real.
     mirrored: dict[Side, Array]  # Likewise with the pattern turned over: chance.
     ceiling: Array  # (n,) of the windows: real right image in the left view against the left.
@@ -97,41 +99,20 @@ def score(
 def simulate(
     stage: Stage, sensor: Sensor, scale: float
 ) -> tuple[dict[Side, Array], dict[Side, Array]]:
-    """Infrared images [DN] without noise, and the depths [m] that each imager sees, (h, w) each."""
+    """Infrared images without noise [DN above black], and depths that each imager sees [m].
+
+    All are (h, w).
+    """
     from sim import render
-    from sim.simulate import infrared
+    from sim.noiseless import noiseless
 
-    light = dataclasses.replace(
-        sensor.projector, pattern_scale=scale, speckle_contrast=0.0, flicker=0.0
-    )
-    quiet = dataclasses.replace(
-        sensor, projector=light, left=_quiet(sensor.left), right=_quiet(sensor.right)
-    )
-    layers = render.layers(stage, quiet)
-    pair = infrared(layers, stage.scene, quiet)
-    unit = np.float32(sensor.left.ceiling_dn / quiet.left.ceiling_dn)
-    images: dict[Side, Array] = {"left": pair.left * unit}
+    light = dataclasses.replace(sensor.projector, pattern_scale=scale)
+    scaled = dataclasses.replace(sensor, projector=light)
+    layers = render.layers(stage, scaled)
     depth: dict[Side, Array] = {"left": layers.left.depth_m}
-    if pair.right is not None and layers.right is not None:
-        images["right"], depth["right"] = pair.right * unit, layers.right.depth_m
-    return images, depth
-
-
-def _quiet(imager: Imager) -> Imager:
-    """The imager without noise, and with codes too fine to matter."""
-    return dataclasses.replace(
-        imager,
-        shot_noise=0.0,
-        read_noise_e=0.0,
-        prnu=0.0,
-        dsnu_e=0.0,
-        dark_current_e_s=0.0,
-        row_noise_e=0.0,
-        column_noise_e=0.0,
-        hot_pixels=0.0,
-        bit_depth=16,
-        black_level_dn=0.0,
-    )
+    if layers.right is not None:
+        depth["right"] = layers.right.depth_m
+    return noiseless(layers, stage.scene, scaled), depth
 
 
 def away_from_edges(depth_m: Array, sensor: Sensor) -> NDArray[np.bool_]:

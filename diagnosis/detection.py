@@ -40,6 +40,7 @@ _STEPS = 16  # Strengths tried between two nodes.
 _CLOSER = 4  # Times that an effect is simulated where it was just found.
 _DEVICES = (101, 102, 103, 104)  # Whose readings with an effect are looked at in the end.
 _STRONGER = 1.5  # Departure over the last one, where too few of them are found.
+_BACK = 2  # Times that it is halved on the way back, which leaves a limit 11 % too strong at most.
 
 Limits = dict[str, Any]  # A base and the values below and above; of a choice all that are found.
 
@@ -144,13 +145,34 @@ def _side(of: Signature, table: Bench, screen: Screen, *, upwards: bool) -> Valu
             break
         of = with_node(of, least, table)
         least = noticed.least(of, screen, upwards=upwards, steps=_STEPS)
-    while least is not None and not _found_on_devices(of, least, table, screen):
-        departure = _STRONGER * (float(least) - base)
+    if least is None:
+        return None
+    farthest = max(abs(node - base) for node in side)
+    return _on_devices(of, float(least), farthest, table, screen)
+
+
+def _on_devices(
+    of: Signature, least: float, farthest: float, table: Bench, screen: Screen
+) -> float | None:
+    """The least value from one on that some devices show; None where it is beyond a departure."""
+    weak = base = float(of.candidate.base)
+    while not _found_on_devices(of, least, table, screen):
+        weak = least
+        departure = _STRONGER * (least - base)
         if of.candidate.whole:  # A step further at least, which rounding could take back.
             departure = math.copysign(math.ceil(abs(departure)), departure)
         least = base + departure
-        if abs(least - base) > max(abs(node - base) for node in side):
+        if abs(least - base) > farthest:
             return None
+    for _ in range(_BACK):  # Of what was found at once there is nothing between.
+        departure = math.copysign(math.sqrt((weak - base) * (least - base)), least - base)
+        between = base + (round(departure) if of.candidate.whole else departure)
+        if between in (weak, least):
+            break
+        if _found_on_devices(of, between, table, screen):
+            least = between
+        else:
+            weak = between
     return least
 
 

@@ -124,7 +124,7 @@ def ground(
 
     Args:
         disparity_px: (h, w) of the reference, NaN where unknown.
-        expected: (h, w) simulated left image without noise, speckle, flicker and black level [DN].
+        expected: (h, w) simulated left image above the black level [DN] (`sim.noiseless`).
         info: intrinsics.
         body: (h, w) number of the object that each pixel sees.
         projector: (h, w, 2) tangents of each point in the projector's frame.

@@ -158,7 +158,7 @@ def known(captured: tuple[NDArray, NDArray], without: Exposed) -> tuple[list[Kno
     """
     left, right = (
         [
-            _known(image, own[side], without.still[side], side)
+            _known(image, own[side], without.still[side])
             for image, own in zip(images, without.pairs, strict=False)
         ]
         for side, images in enumerate(captured)
@@ -189,8 +189,8 @@ def pairs_laid_on(
     return of(0), of(1)
 
 
-def _known(captured: NDArray, without: Image, still: Image, side: int) -> Known:
-    levels = within_codes.levels(captured, side=side)
+def _known(captured: NDArray, without: Image, still: Image) -> Known:
+    levels = within_codes.levels(captured)
     return Known(*(_single(one) for one in (captured, levels, without, still)))
 
 

@@ -175,16 +175,16 @@ def exposed_again(of: Reading, sensor: Sensor, rng: np.random.Generator) -> Read
         rng: draws it.
     """
     assert of.left is not None and of.right is not None
-    left = _noisier(of.left, sensor.left, rng, side=0)
-    right = _noisier(of.right, sensor.right, rng, side=1)
+    left = _noisier(of.left, sensor.left, rng)
+    right = _noisier(of.right, sensor.right, rng)
     return dataclasses.replace(
         of, left=left, right=right, ours_px=matched(left[:1], right[:1], sensor)
     )
 
 
-def _noisier(images: Images, imager: Imager, rng: np.random.Generator, *, side: int) -> Images:
+def _noisier(images: Images, imager: Imager, rng: np.random.Generator) -> Images:
     scale = imager.dn_per_electron
-    levels = np.stack([within_codes.levels(one, side=side) for one in images])
+    levels = np.stack([within_codes.levels(one) for one in images])
     signal = np.maximum(levels - imager.black_level_dn, 0.0)
     variance = imager.shot_noise**2 * scale * signal + (scale * imager.read_noise_e) ** 2
     noise = (np.sqrt(variance) * rng.standard_normal(images.shape)).astype(np.float32)

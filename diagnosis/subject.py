@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from diagnosis import estimated, laid_on, nuisances, projector_frame
 from diagnosis.estimated import Estimates
-from diagnosis.expected import STILL, expected
 from diagnosis.ground import Ground, ground
 from diagnosis.laid_on import Exposed, Known, Pair
 from diagnosis.nuisances import Nuisances
@@ -39,6 +38,7 @@ from sim.effects import named, setting
 from sim.effects.effect import Value
 from sim.layers import Layers
 from sim.matching.memory import Memory
+from sim.noiseless import noiseless
 from sim.scene import Scene
 from sim.sensor import Sensor
 from sim.simulate_captures import scene_seed
@@ -48,6 +48,13 @@ from sim.stage import Stage
 _SAMPLES = 4  # Paths of indirect light,
 _STEP_PX = 2.0  # and image motion between the moments of one exposure.
 _FINER_BITS = 8  # That codes are simulated with where they are not to be rounded.
+_STILL = (  # What an image has beside its scene, at its neutral.
+    ("imager.shot_noise", 0.0),
+    ("imager.read_noise_e", 0.0),
+    ("imager.prnu", 0.0),
+    ("imager.dsnu_e", 0.0),
+    ("projector.speckle_contrast", 0.0),
+)
 
 
 @dataclass(slots=True, eq=False)
@@ -233,7 +240,7 @@ class Subject:
             assert pair.matched_right is not None
             return pair.matched_left * scale, pair.matched_right * scale
 
-        still = taken(sensor_edits.with_values(fine, STILL), 0)
+        still = taken(sensor_edits.with_values(fine, _STILL), 0)
         return sensor, Exposed([taken(fine, frame) for frame in range(self.frames)], still)
 
 
@@ -369,7 +376,7 @@ def of_scene(
         sensor=sensor,
         ground=ground(
             info.disparity_px(truth_m),
-            expected(layers, scene, sensor),
+            noiseless(layers, scene, sensor)["left"],
             info,
             body=layers.left.body,
             projector=projector_frame.tangents(truth_m, sensor),

@@ -9,7 +9,7 @@ no more is known than that; levels are drawn there, smoothly, from all that the 
 from __future__ import annotations
 
 import itertools
-from functools import lru_cache
+import zlib
 
 import cv2
 import numpy as np
@@ -35,19 +35,18 @@ _EVEN_PX = 7  # Side of the square in which an image has to be even.
 _SMOOTH_PX = 8.0  # Sigma of what is drawn.
 
 
-def levels(codes: NDArray, *, side: int) -> Image:
+def levels(codes: NDArray) -> Image:
     """Take out of an image what rounding put in.
 
     Args:
-        codes: (h, w) whole codes [DN].
-        side: 0 left, 1 right: what is drawn is each imager's own, and the same each time.
+        codes: (h, w) whole codes [DN]; what is drawn is each image's own, and the same each time.
 
     Returns:
         (h, w) [DN] float32, which rounds to these codes.
     """
     image = codes.astype(np.float32)
     level = np.clip(_without_rounding(image), image - _HALF, image + _HALF)
-    return level + _drawn(level, image, side)
+    return level + _drawn(level, image)
 
 
 def _without_rounding(image: Image) -> Image:
@@ -72,7 +71,7 @@ def _without_rounding(image: Image) -> Image:
     return total[inside].astype(np.float32)
 
 
-def _drawn(level: Image, codes: Image, side: int) -> Image:
+def _drawn(level: Image, codes: Image) -> Image:
     """Smooth offsets where an image is even, from what leaves all around within its code."""
     square = np.ones((_EVEN_PX, _EVEN_PX), np.uint8)
     even = cv2.dilate(codes, square) - cv2.erode(codes, square) <= 1
@@ -80,13 +79,13 @@ def _drawn(level: Image, codes: Image, side: int) -> Image:
         cv2.blur(cv2.erode(np.where(even, room, np.float32(0)), square), square.shape)
         for room in (level - codes + _HALF, codes + _HALF - level)
     )
-    return _shares(codes.shape, side) * (below + above) - below
+    return _shares(codes) * (below + above) - below
 
 
-@lru_cache(maxsize=2)  # All images of a run have one shape.
-def _shares(shape: tuple[int, int], side: int) -> Image:
-    """Smooth, and evenly from 0 to 1."""
-    field = np.random.default_rng(side).standard_normal(shape).astype(np.float32)
+def _shares(codes: Image) -> Image:
+    """Smooth, and evenly from 0 to 1; one for all images would tip the same codes in every room."""
+    rng = np.random.default_rng(zlib.crc32(codes.tobytes()))
+    field = rng.standard_normal(codes.shape).astype(np.float32)
     smooth = _blurred(field, _SMOOTH_PX)
     return special.ndtr(smooth / smooth.std())
 

@@ -185,8 +185,11 @@ class Scene:
     shapes: tuple[Any, ...] = ()  # Mitsuba shapes, loaded, that are there beside the bodies.
     ambient: Ambient = field(default_factory=Ambient)
     sun: Sun = field(default_factory=Sun)
-    # Another device's projector, posed in the left imager's frame.
-    other_projector: Projector = field(default_factory=lambda: Projector(power_w=0.0))
+    # Another device's projector, posed in the left imager's frame: beside this device, as two
+    # cannot be in one place.
+    other_projector: Projector = field(
+        default_factory=lambda: Projector(power_w=0.0, position_m=(0.2, 0.0, 0.0))
+    )
     finish: Finish = field(default_factory=Finish)
     interreflection: float = 0.0  # Strength of light of two bounces and more: 1 is physical.
     motion: Motion = field(default_factory=Motion)

@@ -50,7 +50,8 @@ class DepthTwin:
 
     def matched(self, pair: simulate.Pair, sensor: Sensor) -> Array:
         """Disparity (h, w) [px] that the sensor's depth codes mean, NaN = no depth."""
-        depth_m = measure(pair.left, pair.right, sensor, causes={}).depth_m
+        # Not by the images put out: a device matches all bits of its converter.
+        depth_m = measure(pair.matched_left, pair.matched_right, sensor, causes={}).depth_m
         step_m = self.info.depth_unit_m
         return self.info.disparity_px(from_code(to_code(depth_m, step_m), step_m))
 

@@ -72,12 +72,8 @@ def _view(
     rendered: Rendered,
 ) -> View:
     lit = (rendered.projector_direct > 0).astype(np.float32)
-    points, lit = _moved(
-        _points(rendered.depth_m, sensor, sensor.baseline_m if side == "right" else 0.0),
-        lit,
-        sensor,
-        side,
-    )
+    shift_m = sensor.baseline_m * (1 + sensor.baseline_error) if side == "right" else 0.0
+    points, lit = _moved(_points(rendered.depth_m, sensor, shift_m), lit, sensor, side)
     depth = points[..., 2]
     disparity = disparity_from_depth(depth, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m)
     usable = np.isfinite(depth) & ~metrics.depth_edges(disparity)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import frames
-from sim.imager import charge, electrons_per_radiance, smoothing
+from sim.imager import electrons_per_radiance, mixed
 from sim.imager.exposure import Exposure
 from sim.layers import Image, Mask, View
 from sim.light.signals import signals
@@ -35,16 +35,22 @@ class Levels:
 
     laser: Image  # Projector of 1 W.
     even: Image  # The same, all of its light between its dots.
+    sharp_laser: Image  # `laser` before crosstalk and averaging, as speckle meets it.
+    sharp_even: Image  # `even` likewise.
     ambient: Image  # Ambient light of 1 W m^-2.
     other: Image  # Sun and other projectors, at their own strength.
     lens_log_cos: Image  # log cos of the angle off the imager's axis: d log signal / d vignetting.
     projector_log_cos: Image  # Likewise off the projector's axis: d log laser / d falloff.
-    dark_dn: float  # What dark current adds to the black level [DN].
 
 
 def part(sensor: Sensor, side: Side) -> Imager:
     """The imager of a side."""
     return sensor.left if side == "left" else sensor.right
+
+
+def dn_per_electron(imager: Imager, exposure: Exposure) -> float:
+    """Conversion at the gain of an image [DN / electron]."""
+    return exposure.gain * imager.ceiling_dn / imager.full_well_e
 
 
 def expected(
@@ -65,28 +71,24 @@ def expected(
     still = dataclasses.replace(sensor.projector, power_w=1.0, flicker=0.0, speckle_contrast=0.0)
     sensor = dataclasses.replace(sensor, projector=still)
     imager, wavelength = part(sensor, side), sensor.projector.wavelength_nm
-    step = exposure.gain * imager.ceiling_dn / imager.full_well_e
-    scale = np.float32(electrons_per_radiance(imager, wavelength, exposure.exposure_s) * step)
+    electrons = electrons_per_radiance(imager, wavelength, exposure.exposure_s)
+    scale = np.float32(electrons * dn_per_electron(imager, exposure))
     apart = signals(view, scene, sensor, side)
     dark = np.zeros_like(view.ambient)
     # What `view` has is not formed twice.
     alone = dataclasses.replace(even, ambient=dark, other=dark)
-
-    def signal(light: Image) -> Image:
-        if not light.any():
-            return light
-        return smoothing.smoothed(
-            charge.crosstalk(light * scale, imager.crosstalk), imager.smoothing_px
-        )
+    sharp_laser = apart.laser * scale
+    sharp_even = signals(alone, scene, sensor, side).laser * scale
 
     return Levels(
-        laser=signal(apart.laser),
-        even=signal(signals(alone, scene, sensor, side).laser),
-        ambient=signal(apart.ambient),
-        other=signal(apart.other),
+        laser=mixed(imager, sharp_laser),
+        even=mixed(imager, sharp_even),
+        sharp_laser=sharp_laser,
+        sharp_even=sharp_even,
+        ambient=mixed(imager, apart.ambient * scale),
+        other=mixed(imager, apart.other * scale),
         lens_log_cos=np.asarray(-0.5 * np.log1p(Pinhole.of(sensor).tangent_squared()), np.float32),
         projector_log_cos=_projector_log_cos(view.depth_m, sensor, side),
-        dark_dn=imager.dark_current_e_s * exposure.exposure_s * step,
     )
 
 

@@ -51,11 +51,12 @@ class Image:
     exposure: Exposure
     exposure_known: bool
     ambient_w_m2: float  # Where the fit begins.
+    dark_dn: float  # What dark current adds to the black level at this exposure.
 
     @property
     def lowest_dn(self) -> float:
-        """Level of the darkest pixels [DN]."""
-        return levels.lower_envelope_dn(self.level)
+        """Level of the darkest pixels less dark current's mean [DN]."""
+        return levels.lower_envelope_dn(self.level) - self.dark_dn
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -64,6 +65,7 @@ class Columns:
 
     model: Array
     laser: Array  # The laser's part of it.
+    sharp_laser: Array  # The same before crosstalk and averaging.
     derivatives: tuple[Array, ...]
     variance: tuple[float, float, float]  # Of noise [DN^2]: constant, per signal, per laser^2.
 
@@ -139,6 +141,8 @@ def images(
             if side == "right":
                 gain = exposure.gain * sensor.right.gain / sensor.left.gain
                 exposure = dataclasses.replace(exposure, gain=gain)
+            own = part(sensor, side)
+            dark_e = own.dark_current_e_s * exposure.exposure_s
             found.append(
                 Image(
                     scene=observation.name,
@@ -152,6 +156,7 @@ def images(
                     exposure=exposure,
                     exposure_known=known,
                     ambient_w_m2=observation.scene.ambient.irradiance_w_m2,
+                    dark_dn=dark_e * levels.dn_per_electron(own, exposure),
                 )
             )
     return tuple(found)
@@ -201,18 +206,17 @@ def columns(
     other images of the view and for the next round.
     """
     at = _levels(image, values[BLUR], sensor, formed)
-    ratio = values[exposure_ratio(image.scene, on=image.on)]
-    gain = values[RIGHT_GAIN] / sensor.right.gain if image.side == "right" else 1.0
     lens = _dimmed(at.lens_log_cos, values[VIGNETTING] - sensor.left.lens.vignetting)
-    lens *= np.float32(ratio * gain)
+    lens *= np.float32(_scale(image, values, sensor))
     shape = _dimmed(at.projector_log_cos, values[FALLOFF] - sensor.projector.falloff)
     power = np.float32(values[POWER] if image.on else 0.0)
     strength = np.float32(values[ambient(image.scene)])
-    dots = _dots(at, sensor.projector.haze)
-    haze = np.float32(values[HAZE])
+    believed, haze = sensor.projector.haze, np.float32(values[HAZE])
+    dots = _dots(at.laser, at.even, believed)
     lit = np.asarray(lens * shape * np.float32(image.on), np.float32)
     unit = np.asarray(lit * ((1 - haze) * dots + haze * at.even), np.float32)
     laser = np.asarray(power * unit, np.float32)
+    sharp = (1 - haze) * _dots(at.sharp_laser, at.sharp_even, believed) + haze * at.sharp_even
     model = np.asarray(laser + lens * (strength * at.ambient + at.other), np.float32)
     none = np.zeros_like(model)
 
@@ -232,10 +236,10 @@ def columns(
         if name == ambient(image.scene):
             return lens * at.ambient
         if name == exposure_ratio(image.scene, on=image.on):
-            return model / np.float32(ratio)
+            return model / np.float32(values[name])
         if name == BLUR:
             wider = _levels(image, values[BLUR] + _BLUR_STEP_PX, sensor, formed)
-            change = power * lit * (1 - haze) * (_dots(wider, sensor.projector.haze) - dots)
+            change = power * lit * (1 - haze) * (_dots(wider.laser, wider.even, believed) - dots)
             change += lens * strength * (wider.ambient - at.ambient)
             return change / np.float32(_BLUR_STEP_PX)
         return none
@@ -243,16 +247,33 @@ def columns(
     return Columns(
         model=model,
         laser=laser,
+        sharp_laser=np.asarray(power * lit * sharp, np.float32),
         derivatives=tuple(np.asarray(derivative(name), np.float32) for name in names),
         variance=_variance(image, sensor),
     )
 
 
-def _dots(at: Levels, haze: float) -> Array:
+def above_black(image: Image, values: Mapping[str, float], sensor: Sensor) -> Array:
+    """Captured signal that light made [DN] (h, w): less black level and dark current's mean.
+
+    Dark current goes with exposure time and gain as light does. The derivatives by these leave that
+    out: they set the steps, not where residuals vanish.
+    """
+    dark_dn = image.dark_dn * _scale(image, values, sensor)
+    return image.level - np.float32(values[black_name(image.side)] + dark_dn)
+
+
+def _scale(image: Image, values: Mapping[str, float], sensor: Sensor) -> float:
+    """Exposure and gain over those that the image was predicted with."""
+    gain = values[RIGHT_GAIN] / sensor.right.gain if image.side == "right" else 1.0
+    return values[exposure_ratio(image.scene, on=image.on)] * gain
+
+
+def _dots(laser: Array, even: Array, haze: float) -> Array:
     """The laser's light if it were all in dots; where it has none, as it is."""
     if haze == 1:
-        return at.laser
-    return np.asarray((at.laser - np.float32(haze) * at.even) / np.float32(1 - haze), np.float32)
+        return laser
+    return np.asarray((laser - np.float32(haze) * even) / np.float32(1 - haze), np.float32)
 
 
 def _dimmed(log_cos: Array, exponent: float) -> Array:
@@ -281,7 +302,7 @@ def forget(formed: Formed, blur_px: float) -> None:
 def _variance(image: Image, sensor: Sensor) -> tuple[float, float, float]:
     """Variance of a pixel [DN^2]: constant, per DN of signal, per squared DN of laser light."""
     own = part(sensor, image.side)
-    step = image.exposure.gain * own.ceiling_dn / own.full_well_e
+    step = levels.dn_per_electron(own, image.exposure)
     dark = np.zeros((1, 1), np.float32)
     least_e, one_e = (
         float(imager.noise_e(own, dark + electrons, image.exposure.exposure_s)[0, 0])

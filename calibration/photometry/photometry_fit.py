@@ -1,8 +1,9 @@
 """Fit what makes levels: projector power, ambient light, black level, darkening off the axes.
 
-level = b + c V^n (P F^k ((1 - h) D + h E) + I A + O): black level b, relative reflectance c, lens's
-and projector's cosines V and F, power P, haze h, ambient irradiance I, and the layers D (dots), E
-(the projector's light spread evenly), A, O that the geometry gives.
+level = b + d + c V^n (P F^k ((1 - h) D + h E) + I A + O): black level b, dark current's mean d as
+the sensor has it, relative reflectance c, lens's and projector's cosines V and F, power P, haze h,
+ambient irradiance I, and the layers D (dots), E (the projector's light spread evenly), A, O that
+the geometry gives.
 Power, exposure time, gain, quantum efficiency and lens transmission are one family: power is
 fitted, the others stay.
 """
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.observation import Observation
-from calibration.photometry import light_model, prediction, tiles, weights
+from calibration.photometry import levels, light_model, prediction, tiles, weights
 from calibration.photometry.light_model import (
     AMBIENT,
     BLUR,
@@ -182,7 +183,7 @@ def _case(
     scenes = sorted({image.scene for image in images})
     strengths = {image.scene: image.ambient_w_m2 for image in images}
     values = light_model.start(sensor, strengths)
-    for image in images:  # No pixel is darker than black, but for noise.
+    for image in images:  # No pixel is darker than black and dark current, but for noise.
         name = light_model.black_name(image.side)
         values[name] = min(values[name], image.lowest_dn)
     names = [name for name in _COMMON if name in free]
@@ -251,8 +252,7 @@ def _equations(case: _Case, values: Mapping[str, float]) -> tiles.Normal:
     light_model.forget(case.formed, values[BLUR])
     for image in case.images:
         column = light_model.columns(image, values, case.sensor, case.names, case.formed)
-        black = values[light_model.black_name(image.side)]
-        residual = image.level - np.float32(black)
+        residual = light_model.above_black(image, values, case.sensor)
         factor = weights.tile_factor(image, residual, column.model, around=_AROUND)
         given = factor if case.eliminate else None
         weight = weights.weight(image, column, given)
@@ -306,8 +306,7 @@ def _scatter(case: _Case, values: Mapping[str, float]) -> float:
     logs, noises = [], []
     for image in case.images:
         column = light_model.columns(image, values, case.sensor, (), case.formed)
-        black = values[light_model.black_name(image.side)]
-        residual = image.level - np.float32(black)
+        residual = light_model.above_black(image, values, case.sensor)
         weight = weights.weight(image, column, None)
         gram = tiles.grams([residual, column.model], weight, means=case.means)
         used = gram[:, 1, 1] > 0
@@ -378,7 +377,7 @@ def _solution(
             image.scene: {
                 "ambient_w_m2": values[ambient(image.scene)],
                 "mean_level_dn": float(image.level.mean()),
-                "lower_envelope_dn": image.lowest_dn,
+                "lower_envelope_dn": levels.lower_envelope_dn(image.level),
             }
             for image in reversed(case.images)
         },

@@ -1,8 +1,9 @@
 """Photon transfer: electrons per DN, read noise and averaging, from repeats of a scene at rest.
 
 Shot noise has the variance of its mean, so that of DN grows with the level by DN per electron; at
-the black level read noise is left. A device that averages pixels keeps a part of either, and says
-how much by the correlation of neighbouring pixels' noise.
+the black level read noise is left. Dark current's mean is part of the level as light's is, and its
+shot noise grows with it. A device that averages pixels keeps a part of either, and says how much
+by the correlation of neighbouring pixels' noise.
 
 Source: EMVA Standard 1288, release 4.0, sec. 2 and 6 (photon transfer method); Janesick,
 Photon Transfer (2007).
@@ -56,7 +57,6 @@ def fit_photon_transfer(
     sensor: Sensor,
     *,
     side: Side = "left",
-    exposure_s: float | None = None,
     black_level_dn: float | None = None,
 ) -> Solution:
     """Fit full well (electrons that fill the scale), read noise and averaging to repeats.
@@ -66,10 +66,10 @@ def fit_photon_transfer(
 
     Args:
         repeats: (n, h, w) images of one imager, n >= 2, nothing moving.
-        sensor: whose `gain`, `shot_noise`, dark current and range of codes hold.
+        sensor: whose `gain`, `shot_noise` and range of codes hold.
         side: which imager.
-        exposure_s: of the repeats [s]; the imager's own where None. Counts for dark current only.
-        black_level_dn: as fitted elsewhere; the imager's own where None.
+        black_level_dn: as fitted elsewhere, without dark current's mean (not the level of a dark
+            frame, which has it); the imager's own where None.
 
     Returns:
         `SIDE.full_well_e`, `SIDE.read_noise_e`, `SIDE.smoothing_px`.
@@ -89,18 +89,14 @@ def fit_photon_transfer(
     without = sums.of.sum(axis=0) - sums.of
     rows = np.array([_curve(one, imager, black).row() for one in without])
     spread = (blocks - 1) / blocks * (rows - rows.mean(0)).T @ (rows - rows.mean(0))
-    return _solution(whole, spread, sensor, side, exposure_s)
+    return _solution(whole, spread, sensor, side)
 
 
-def _solution(
-    curve: _Curve, spread: NDArray, sensor: Sensor, side: Side, exposure_s: float | None
-) -> Solution:
+def _solution(curve: _Curve, spread: NDArray, sensor: Sensor, side: Side) -> Solution:
     """State the curve in the imager's terms."""
     imager, k = part(sensor, side), curve.dn_per_electron
-    time_s = imager.exposure_s if exposure_s is None else exposure_s
-    dark_e = imager.shot_noise**2 * imager.dark_current_e_s * time_s
     well = imager.gain * imager.ceiling_dn / k
-    read_e2 = curve.read_dn2 / k**2 - dark_e
+    read_e2 = curve.read_dn2 / k**2
     to_read = np.array([-2 * curve.read_dn2 / k**3, 1 / k**2, 0.0])  # Of read_e2 by the curve.
     sd_e2 = float(np.sqrt(to_read @ spread @ to_read))
     seen = read_e2 > _DETECTED * sd_e2

@@ -25,8 +25,8 @@ class Prediction:
     side: Side
     on: bool
     level_dn: Array  # Captured, black level included.
-    signal_dn: Array  # Predicted, above black.
-    laser_dn: Array  # The laser's part of it.
+    signal_dn: Array  # Predicted, of light alone.
+    sharp_laser_dn: Array  # The laser's part of it, before crosstalk and averaging.
     residual_dn: Array
     used: Mask
     dots: bool  # Whether dots are where they were predicted, so that residuals mean something.
@@ -43,7 +43,7 @@ def predict(
 ) -> Prediction:
     """Predict an image; with `reflectance_free`, each tile's factor and gradient are fitted."""
     column = light_model.columns(image, values, sensor, (), formed)
-    signal = image.level - np.float32(values[light_model.black_name(image.side)])
+    signal = light_model.above_black(image, values, sensor)
     factor: Array | np.float32 = np.float32(1)
     if reflectance_free:
         rough = weights.tile_factor(image, signal, column.model)
@@ -54,7 +54,7 @@ def predict(
         on=image.on,
         level_dn=image.level,
         signal_dn=column.model * factor,
-        laser_dn=column.laser * factor,
+        sharp_laser_dn=column.sharp_laser * factor,
         residual_dn=np.asarray(signal - column.model * factor, np.float32),
         used=image.used,
         dots=dots,

@@ -21,7 +21,7 @@ from calibration.photometry.levels import part
 from calibration.photometry.photometry_open import EVEN
 from calibration.photometry.prediction import Prediction
 from calibration.solution import Estimate
-from sim.imager import charge, smoothing
+from sim.imager import mixed, noise_e
 from sim.light import speckle
 from sim.sensor import Sensor
 
@@ -50,7 +50,7 @@ def fit_speckle(
     """
     rows, outs, groups = [], [], []
     for number, prediction in enumerate(
-        p for p in predictions if p.on and p.dots and p.laser_dn.any()
+        p for p in predictions if p.on and p.dots and p.sharp_laser_dn.any()
     ):
         shape = (prediction.level_dn.shape[0], prediction.level_dn.shape[1])
         squared = _kept(prediction, sensor)
@@ -98,8 +98,9 @@ def speckle_bound(predictions: Sequence[Prediction], sensor: Sensor) -> float:
         residual = np.where(prediction.used, _without_trend(prediction), np.nan)
         imager = part(sensor, prediction.side)
         gain = imager.dn_per_electron
-        floor = (gain * imager.read_noise_e) ** 2 + 1 / 12
-        images = (residual, floor + gain * np.maximum(prediction.signal_dn, 0))
+        electrons = prediction.signal_dn / np.float32(gain)
+        noise_dn = gain * noise_e(imager, electrons, imager.exposure_s)
+        images = (residual, noise_dn**2 + 1 / 12)
         variance, expected = (blocks(image) for image in images)
         squared = blocks(_kept(prediction, sensor))
         whole = np.isfinite(variance).all(axis=1)
@@ -165,15 +166,14 @@ def _without_trend(prediction: Prediction) -> NDArray[np.float64]:
 def _kept(prediction: Prediction, sensor: Sensor) -> NDArray[np.float64]:
     """Variance that speckle of contrast 1 has after crosstalk and averaging (h, w) [DN^2].
 
-    Both weigh neighbours' laser light by a kernel k: of independent grains the sum of k^2 L^2 is
-    left, more where neighbours share grains.
+    Both weigh neighbours' laser light L, as it was before them, by a kernel k: of independent
+    grains the sum of k^2 L^2 is left, more where neighbours share grains.
     """
     imager = part(sensor, prediction.side)
     size = 2 * int(np.ceil(4 * imager.smoothing_px + 2)) + 1
     point = np.zeros((size, size), np.float32)
     point[size // 2, size // 2] = 1
-    kernel = smoothing.smoothed(charge.crosstalk(point, imager.crosstalk), imager.smoothing_px)
-    kernel = kernel.astype(np.float64)
+    kernel = mixed(imager, point).astype(np.float64)
     grain_px = speckle.grain_px(
         wavelength_nm=sensor.projector.wavelength_nm,
         f_number=imager.lens.f_number,
@@ -187,7 +187,7 @@ def _kept(prediction: Prediction, sensor: Sensor) -> NDArray[np.float64]:
         for dx in range(-_LAGS, _LAGS + 1)
     )
     more = total / (kernel**2).sum()
-    laser = prediction.laser_dn.astype(np.float64) ** 2
+    laser = prediction.sharp_laser_dn.astype(np.float64) ** 2
     return more * cv2.filter2D(laser, cv2.CV_64F, kernel**2, borderType=cv2.BORDER_REFLECT)
 
 

@@ -35,14 +35,15 @@ def section(calibration: Calibration, found: dict[str, Any]) -> str:
         "images: normalised cross-correlation of both, high-passed, in windows of "
         f"{window} away from depth edges; 1 is equal, 0 is chance. A cell holds the windows' "
         "median and, in brackets, their lower quartile.</p>"
-        '<ul class="quiet"><li><b>Scale</b>: of the pattern, the one number taken from the scene '
+        '<ul class="quiet"><li><b>Scale</b>: of the pattern, a number taken from the scene '
         "itself, as the laser's wavelength drifts.</li>"
         "<li><b>Before</b>: by the sensor that the fit began from.</li>"
         "<li><b>Ceiling</b>: the camera's own right image, moved into the left view by the "
         "reference depth, against the left one. Both carry noise; a simulation has none and may "
         "exceed it.</li><li><b>Mirrored</b>: by the pattern turned over, the control. It must be "
         "about 0.</li><li>Reflectance comes from the scene's own left image, smoothed by a "
-        f"Gaussian of {SMOOTHING_PX:g} px so that no dot is left in it.</li></ul>"
+        f"Gaussian of {SMOOTHING_PX:g} px so that no dot is left in it, and so does ambient "
+        "light. The right image has no say in either.</li></ul>"
     )
     before = {one.scene: one for one in calibration.before}
     pictures = "".join(

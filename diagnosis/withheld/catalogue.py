@@ -171,8 +171,6 @@ _IMAGE = (
 _POST = (
     Row(name="median", kind="post", unit="px", neutral=0,
         scale="choice", choices=(3, 5)),
-    Row(name="smoothing_mean", kind="post", unit="px", neutral=0,
-        scale="choice", choices=(5, 7, 9, 11, 13, 15, 21, 31)),
     Row(name="subpixel_steps", kind="post", unit="px", neutral=0,
         low=0.0625, high=0.5),
     Row(name="pixel_locking", kind="post", unit="px", neutral=0,

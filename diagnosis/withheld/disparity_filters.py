@@ -15,19 +15,22 @@ from diagnosis.withheld.catalogue import Strengths
 
 Map = NDArray[np.float64]
 
-# What the pages' second parameters are of.
-_MEAN_STEP_PX = 2.0
-_ISLAND_STEP_PX = 1.0
+_ISLAND_STEP_PX = 1.0  # The page's second parameter.
 
 
 def refine(disparity_px: Map, strengths: Strengths) -> Map:
-    """Apply every effect of a matcher that acts on its result; the very map given where none."""
+    """Apply every effect of a matcher that acts on its result; the very map given where none.
+
+    The map is taken to be of depth in whole units of the nominal camera.
+    """
+    nominal = strengths.nominal
     d = median(disparity_px, round(strengths.of("median")))
-    d = smoothing_mean(d, round(strengths.of("smoothing_mean")), _MEAN_STEP_PX)
     d = lock(d, strengths.of("pixel_locking"))
     d = steps(d, strengths.of("subpixel_steps"))
     d = clear_edges(d, strengths.of("edge_jump"))
-    return without_islands(d, round(strengths.of("speckle_filter")), _ISLAND_STEP_PX)
+    half_unit = 0.5 * nominal.depth_unit_m / nominal.focal_baseline_px_m
+    count = round(strengths.of("speckle_filter"))
+    return without_islands(d, count, _ISLAND_STEP_PX, half_unit_per_px=half_unit)
 
 
 def median(disparity_px: Map, side: int) -> Map:
@@ -40,25 +43,6 @@ def median(disparity_px: Map, side: int) -> Map:
     high = np.take_along_axis(values, count // 2, -1)
     middle = (0.5 * (low + high))[..., 0]
     return np.where(np.isfinite(disparity_px), middle, np.nan)
-
-
-def smoothing_mean(disparity_px: Map, side: int, step_px: float) -> Map:
-    """Mean of those pixels of a square that are within a step of the middle.
-
-    The page's weights are not told: here all weigh the same.
-    """
-    if side <= 1:
-        return disparity_px
-    around = _around(disparity_px, side)
-    total = np.zeros_like(disparity_px)
-    count = np.zeros_like(disparity_px)
-    for j in range(side):
-        for i in range(side):
-            beside = around[..., j, i]
-            near = np.abs(beside - disparity_px) <= step_px
-            total += np.where(near, beside, 0.0)
-            count += near
-    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
 
 
 def lock(disparity_px: Map, amplitude_px: float) -> Map:
@@ -84,14 +68,28 @@ def clear_edges(disparity_px: Map, largest_px: float) -> Map:
     return np.where(span > largest_px, np.nan, disparity_px)
 
 
-def without_islands(disparity_px: Map, count: int, step_px: float) -> Map:
-    """Remove islands of at most `count` pixels, bounded by steps above `step_px` or by holes."""
+def without_islands(
+    disparity_px: Map, count: int, step_px: float, *, half_unit_per_px: float = 0.0
+) -> Map:
+    """Remove islands of at most `count` pixels, bounded by steps above `step_px` or by holes.
+
+    The page's law is of disparities before depth was rounded to whole units, which moves a
+    disparity d by up to d^2 unit / (2 f b). A step that may be due to that bounds nothing.
+
+    Args:
+        disparity_px: The map.
+        count: Pixels of the largest island that goes; 0 is off.
+        step_px: Largest step within an island [px].
+        half_unit_per_px: unit / (2 f b) [1 / px]; 0 for a map that was never rounded.
+    """
     if count == 0:
         return disparity_px
+    off_px = half_unit_per_px * disparity_px**2
     number = np.arange(disparity_px.size).reshape(disparity_px.shape)
     begins, ends = [], []
     for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-        joined = np.abs(disparity_px[one] - disparity_px[other]) <= step_px
+        most_px = step_px + off_px[one] + off_px[other]
+        joined = np.abs(disparity_px[one] - disparity_px[other]) <= most_px
         begins.append(number[one][joined])
         ends.append(number[other][joined])
     begin, end = np.concatenate(begins), np.concatenate(ends)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,9 @@ class Limits:
     choices: Mapping[str, tuple[float, ...]]  # By effect that is a choice.
 
     def least(self, row: Row, sign: int) -> float:
-        """Least departure to one side that is found; the page's low end where nobody asked."""
+        """Least departure to one side that is found; the table's low end where nobody asked, as of
+        what is in no table of the diagnosis.
+        """
         return self.departures.get((row.name, sign), row.low)
 
     def sides(self, row: Row, camera: Nominal) -> list[int]:
@@ -36,16 +38,18 @@ class Limits:
         return [sign for sign, most in room.items() if 0 < most >= self.least(row, sign)]
 
 
-def read(file: Path | None = None) -> Limits:
+def read(file: Path | None = None, *, of: Collection[str] = ()) -> Limits:
     """Read from which departure on effects are found, and which choices are.
 
     Departures are from the camera that the limits were made with: they hold for another one.
 
     Args:
         file: Of another camera or other scenes; None takes this package's.
+        of: Names of effects that are drawn by these limits, so that the file must hold them; of
+            those outside the table nobody can ask.
 
     Raises:
-        WithheldError: if the file is missing or damaged.
+        WithheldError: if the file is missing or damaged, or lacks an effect.
     """
     file = file or FILE
     try:
@@ -55,6 +59,10 @@ def read(file: Path | None = None) -> Limits:
         raise refusal("detection limits", rule, file, f"{error}. {_ADVICE}") from error
     if not isinstance(told, dict):
         raise refusal("detection limits", "must be a table", type(told).__name__, _ADVICE)
+    lacking = sorted(name for name in of if ROWS[name].kind != "outside" and name not in told)
+    if lacking:
+        rule = "must hold all effects that are drawn"
+        raise refusal("detection limits", rule, f"{file} without {lacking}", _ADVICE)
     departures: dict[tuple[str, int], float] = {}
     choices = {}
     for name, limit in told.items():

@@ -49,15 +49,16 @@ def throw(view: View, strengths: Strengths, found: Dots, draws: Draws) -> View:
 def width_px(view: View, strengths: Strengths) -> NDArray[np.float64]:
     """Root of the variance that dot blur and defocus add to the dots (h, w) [px].
 
-    Both are angles at the projector. An angle a moves the tangent t of a ray by (1 + t^2) a along
-    the field's radius and by sqrt(1 + t^2) a across it; the mean of both variances is taken.
+    Both add to a spot's own variance, which is the same all over the field in direction cosines. A
+    cosine's small change c moves the tangent t of a ray by (1 + t^2)^(3/2) c along the field's
+    radius and by sqrt(1 + t^2) c across it; the mean of both variances is taken.
     """
     focus_m = strengths.nominal.projector_focus_m
     out_of_focus = strengths.of("dot_defocus") * np.abs(1.0 / view.depth_m - 1.0 / focus_m)
     variance_mrad2 = strengths.of("dot_blur") ** 2 + out_of_focus**2
     stretch = 1.0 + view.px**2 + view.py**2
     variance_px2 = variance_mrad2 * (1e-3 * strengths.nominal.fx_px) ** 2
-    return np.nan_to_num(np.sqrt(variance_px2 * 0.5 * stretch * (stretch + 1.0)))
+    return np.nan_to_num(np.sqrt(variance_px2 * 0.5 * stretch * (stretch**2 + 1.0)))
 
 
 def falloff(view: View, exponent: float) -> NDArray[np.float64]:

@@ -113,7 +113,8 @@ class RealPairs:
         No case may be of this set then. Single scenes of it may be in others, as captures are few.
 
         Raises:
-            WithheldError: as `prepare`, or if the diagnosis fails or another run works here.
+            WithheldError: as `prepare`, or if the diagnosis fails or says nothing of an effect, or
+                another run works here.
         """
         path = self.folder / "limits.json"
         with lock.alone(self.folder):
@@ -121,7 +122,7 @@ class RealPairs:
                 self.prepare()
                 known = sorted(name for name in self.effects if ROWS[name].kind != "outside")
                 programs.limits(path, self.against, self.sensor, self.cache, known)
-        return limits.read(path)
+        return limits.read(path, of=self.effects)
 
     def take(self, cases: Sequence[Case], out: Path) -> None:
         """Put the effects of cases into the pairs.

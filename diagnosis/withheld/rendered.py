@@ -82,9 +82,9 @@ class Rendered:
         """Those of this package's camera.
 
         Raises:
-            WithheldError: if they cannot be read.
+            WithheldError: if they cannot be read, or are not told of every effect.
         """
-        return limits.read()
+        return limits.read(of=self.effects)
 
     def take(self, cases: Sequence[Case], out: Path) -> None:
         """Take infrared pairs of cases, and depth.

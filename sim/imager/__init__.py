@@ -12,5 +12,6 @@ from sim.imager.exposure import Exposure as Exposure
 from sim.imager.exposure import control as control
 from sim.imager.exposure import electrons_per_radiance as electrons_per_radiance
 from sim.imager.exposure import mean_electrons as mean_electrons
+from sim.imager.mixing import mixed as mixed
 from sim.imager.noise import noise_e as noise_e
 from sim.imager.readout import read_out as read_out

@@ -39,7 +39,7 @@ def told(dotted: Array, light: Signals, disparity_px: Array) -> Array | None:
 
     Args:
         dotted: (h, w) image with dots [DN above black].
-        light: on surfaces of one reflectance, as the image's imager sees it.
+        light: on surfaces of one reflectance, as the image's imager sees it in the mean.
         disparity_px: (h, w) reference, NaN where unknown; known somewhere.
 
     Returns:

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from patterns import errors
 from sim.capture import CapturedScene, Frame, GreyImage, open_set
+from sim.imager import mixed
+from sim.layers import View
+from sim.light.signals import Signals, signals
 from sim.scene import Material, Scene
 from sim.scenes import depth_surface, dots_off, room_light
 from sim.scenes.room_light import LIT_ROOM_W_M2, Lit
@@ -93,7 +96,6 @@ def lit(
             image.
     """
     from sim import render
-    from sim.light.signals import signals
     from sim.scenes import ambient_share
     from sim.stage import Stage
 
@@ -104,11 +106,12 @@ def lit(
     if not scene.info.are_of(sensor):
         sensor = scene.info.geometry_into(sensor)
     even = surface(scene, Lit(np.full(disparity_px.shape, 0.5, np.float32), LIT_ROOM_W_M2))
-    light = signals(render.layers(Stage(even), sensor).left, even, sensor, "left")
+    view = render.layers(Stage(even), sensor).left
+    light = signals(view, even, sensor, "left")
     ambient, share = LIT_ROOM_W_M2, None
     if frame.ir_left is not None:
         dotted = _level(scene, frame.ir_left, black_dn)
-        share = ambient_share.told(dotted, light, disparity_px)
+        share = ambient_share.told(dotted, _in_the_mean(view, even, sensor), disparity_px)
         if share is not None:
             light = dataclasses.replace(light, ambient=share * light.ambient)
         ambient = room_light.ambient_w_m2(dotted, light, sensor.left)
@@ -123,6 +126,19 @@ def lit(
         return image if off else np.maximum(dots_off.removed(image), 0)
 
     return Lit(room_light.reflectance(seen, light, ambient, detail), ambient, share)
+
+
+def _in_the_mean(view: View, scene: Scene, sensor: Sensor) -> Signals:
+    """What a left imager makes of each light, speckle apart.
+
+    Grains that are not the image's own, and dots that are not averaged as its are, would agree with
+    it less, which passes for ambient light, and for more of it the more dots there are.
+    """
+    light = dataclasses.replace(sensor.projector, speckle_contrast=0.0, flicker=0.0)
+    seen = signals(view, scene, dataclasses.replace(sensor, projector=light), "left")
+    lights = (seen.laser, seen.ambient, seen.other)
+    laser, ambient, other = (mixed(sensor.left, one) for one in lights)
+    return Signals(laser=laser, ambient=ambient, other=other)
 
 
 def brightness(scene: CapturedScene, *, smoothing_px: float) -> Array:

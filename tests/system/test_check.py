@@ -89,7 +89,7 @@ def done(patched: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Check,
         name: {"base": NEUTRAL[name], "below": None, "above": value}
         for name, value in _values().items()
     }
-    told.write_text(json.dumps(found))
+    told.write_text(json.dumps({**found, "median": {"found": [3, 5]}}))
     patched.setattr(limits, "FILE", told)
     one = Check(out=folder / "run", tier=SMALL, blender=Path("none"), jobs=1)
     cases = one.prepared()

@@ -15,6 +15,7 @@ from sim import capture_writer, scenes, sensors, simulate
 from sim.depth import disparity_from_depth, from_code, to_code
 from sim.effects import setting
 from sim.sensor import Sensor
+from sim.sensor_edits import with_values
 
 TRUE = {  # What differs from the preset, by the table of effects.
     "baseline_error": 0.012,
@@ -147,6 +148,16 @@ def test_a_surface_from_reference_depth_stands_where_it_was_measured() -> None:
     off = disparity_from_depth(made.layers.truth.depth_m, **given) - truth_px
     assert np.nanmax(np.abs(off)) < 0.05
     assert np.isfinite(made.layers.truth.depth_m[82, 202])
+
+
+def test_a_twin_is_read_as_a_device_reads_it() -> None:
+    """By all bits of the converter: in weak light images of 8 lose what one of 10 bits shows."""
+    dim = with_values(_preset(320), [("projector.power_w", 0.02)])
+    assert dim.left.matched_bits > dim.left.bit_depth
+    made = twin(_observed("clutter", dim, {}, seed=0, mesh=True), dim, seed=3)
+    shot = simulate.expose(made.layers, made.stage.scene, dim, seed=3)
+    read_m = from_code(to_code(shot.depth.depth_m, 1e-3), 1e-3)
+    np.testing.assert_array_equal(made.reading(dim), made.info.disparity_px(read_m))
 
 
 def _blank(**changes: object) -> Observation:

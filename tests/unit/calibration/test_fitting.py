@@ -19,6 +19,7 @@ from calibration.calibrate_captures import calibrate_captures
 from calibration.observation import Observation
 from patterns.errors import InputError
 from sim import asked_sensor, capture, projector, render, sensors
+from sim.scene import Ambient, Scene
 from sim.scenes import builtin
 from sim.sensor import Sensor
 from sim.sensor_edits import with_values
@@ -33,11 +34,15 @@ def _write_scene(folder: Path, room: str, number: int, truth: Sensor) -> None:
     """One simulated scene with reference depth, in a room of its own."""
     scene = (builtin.tabletop(1), builtin.clutter(2), builtin.staircase(0.6), builtin.tabletop(7))
     body = dataclasses.replace(scene[number], interreflection=0.0)
-    layers = render.layers(Stage(body), truth)
-    pair = infrared(layers, body, truth, seed=number)
     place = folder / f"scene-{room}"
-    small_camera.write_scene(place, layers.truth.depth_m, (pair.left, pair.right), truth)
+    _write(place, body, truth, seed=number)
     (place / "room").write_text(room + "\n")
+
+
+def _write(place: Path, scene: Scene, truth: Sensor, *, seed: int = 0) -> None:
+    layers = render.layers(Stage(scene), truth)
+    pair = infrared(layers, scene, truth, seed=seed)
+    small_camera.write_scene(place, layers.truth.depth_m, (pair.left, pair.right), truth)
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +96,27 @@ def test_unknown_groups_and_none_are_refused(captures: Path, small: Sensor, tmp_
 def test_a_warp_of_one_room_is_refused(captures: Path, small: Sensor, tmp_path: Path) -> None:
     message = _refused(captures, small, tmp_path, free=["warp"], heldout=ROOMS[1:])
     assert message.startswith("captures must hold infrared pairs of 2 rooms for the warp; got 1.")
+
+
+def test_light_that_was_told_with_haze_does_not_tell_haze(tmp_path: Path) -> None:
+    """Even ambient light and a haze of 0.3, where none is believed: a map of light by place, told
+    by the same dots under that belief, would confirm it.
+
+    To 0.1 and a fifth: reflectance is made under the belief too, so not all of it is forgotten.
+    """
+    start = small_camera.small("d435", 424, 240)
+    truth = with_values(start, [("projector.haze", 0.3)])
+    small_camera.write_info(tmp_path / "set", truth)
+    light = Ambient(irradiance_w_m2=1.0, gradient=0.0)
+    table = dataclasses.replace(builtin.tabletop(3), interreflection=0.0, ambient=light)
+    _write(tmp_path / "set" / "table", table, truth)
+    scenes = capture.open_set(tmp_path / "set").scenes
+    told = observation.load(scenes[0], start).scene
+    assert told is not None and told.bodies[0].ambient_share is not None
+    fit = fitting.fit(scenes, start, free=["photometry"], folder=tmp_path, heldout=[])
+    found = {one.name: one.value for one in fit.solutions["photometry"].estimates}
+    assert found["projector.haze"] == pytest.approx(0.3, abs=0.1)
+    assert found["scene.ambient.irradiance_w_m2[table]"] == pytest.approx(1.0, rel=0.2)
 
 
 @pytest.mark.slow

@@ -12,13 +12,14 @@ import itertools
 import numpy as np
 import pytest
 
-from calibration.photometry import noise
+from calibration.photometry import light_model, noise
 from calibration.photometry.noise import fit_noise, noise_bound_dn
 from calibration.photometry.photometry_fit import PARAMETERS, fit_photometry
 from calibration.photometry.photon_transfer import fit_photon_transfer
 from calibration.photometry.speckle_contrast import SPECKLE, fit_speckle, speckle_bound
 from patterns.errors import InputError
 from sim import render, sensor_edits, simulate
+from sim.imager import charge, smoothing
 from sim.imager.exposure import Exposure
 from sim.scenes import builtin
 from sim.stage import Stage
@@ -53,6 +54,30 @@ def test_known_reflectance_gives_all_strengths() -> None:
     sensor = fit.solution.sensor
     assert sensor.right.lens.vignetting == sensor.left.lens.vignetting
     assert sensor.projector.power_w == values["projector.power_w"]
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_dark_current_is_no_black_level(known: bool) -> None:
+    """24 DN of it: the black level is what the imager adds to it, as `sim.imager` reads it out."""
+    dark = [("imager.dark_current_e_s", 60_000.0)]
+    truth, start = (sensor_edits.with_values(one, dark) for one in (TRUTH, START))
+    observation = observed(sensor=truth, off=True)
+    fit = fit_photometry([observation], start, layers=fitted_layers(), reflectance_known=known)
+    assert found(fit)["left.black_level_dn"] == pytest.approx(6.0, abs=0.3)
+    assert found(fit)["right.black_level_dn"] == pytest.approx(6.0, abs=0.3)
+
+
+def test_laser_light_is_kept_as_it_was_before_it_was_mixed() -> None:
+    """Crosstalk and averaging take it to the laser's part of the level, whatever the haze."""
+    sensor = sensor_edits.with_values(
+        START, [("imager.smoothing_px", 0.68), ("imager.crosstalk", 0.2)]
+    )
+    image = light_model.images([observed()], sensor, fitted_layers(), {})[0]
+    values = light_model.start(sensor, {SCENE.name: AMBIENT_W_M2}) | {light_model.HAZE: 0.3}
+    column = light_model.columns(image, values, sensor, (), {})
+    assert column.sharp_laser.std() > 1.1 * column.laser.std()
+    mixed = smoothing.smoothed(charge.crosstalk(column.sharp_laser, 0.2), 0.68)
+    np.testing.assert_allclose(mixed, column.laser, rtol=1e-4, atol=1e-3)
 
 
 @pytest.mark.parametrize("off", [False, True])
@@ -173,7 +198,7 @@ def test_texture_is_not_taken_for_speckle() -> None:
     rng = np.random.default_rng(0)
     textured = []
     for one in fit.predictions:
-        more = one.laser_dn * rng.standard_normal(one.laser_dn.shape)
+        more = one.sharp_laser_dn * rng.standard_normal(one.sharp_laser_dn.shape)
         more[:, more.shape[1] // 2 :] = 0
         textured.append(
             dataclasses.replace(one, residual_dn=one.residual_dn + more.astype(np.float32))
@@ -212,7 +237,7 @@ def test_a_contrast_that_nothing_tells_is_open(light: float) -> None:
     drowned = [
         dataclasses.replace(
             one,
-            laser_dn=np.float32(light) * one.laser_dn,
+            sharp_laser_dn=np.float32(light) * one.sharp_laser_dn,
             residual_dn=rng.standard_normal(one.residual_dn.shape).astype(np.float32),
         )
         for one in fit.predictions

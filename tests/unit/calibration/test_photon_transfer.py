@@ -28,7 +28,7 @@ def repeats(part: Imager, *, count: int = 4, seed: int = 3, top: float = 0.6) ->
     electrons = (share * part.full_well_e / part.gain).astype(np.float32)
     frames = [
         imager.read_out(
-            part, electrons, exposure_s=0.01, unit=0, side="left", seed=seed, frame=frame
+            part, electrons, exposure_s=part.exposure_s, unit=0, side="left", seed=seed, frame=frame
         ).delivered
         for frame in range(count)
     ]
@@ -57,10 +57,22 @@ def test_known_noise_is_found(changes: dict, start_well_e: float) -> None:
     truth = sensor_with(**changes)
     start = dataclasses.replace(truth.left, full_well_e=start_well_e, read_noise_e=3.0)
     start = dataclasses.replace(truth, left=start)
-    found = values(fit_photon_transfer(repeats(truth.left), start, exposure_s=0.01))
+    found = values(fit_photon_transfer(repeats(truth.left), start))
     assert found["full_well_e"] == pytest.approx(truth.left.full_well_e, rel=0.05)
     assert found["read_noise_e"] == pytest.approx(truth.left.read_noise_e, rel=0.10)
     assert found["smoothing_px"] == pytest.approx(truth.left.smoothing_px, abs=0.02)
+
+
+@pytest.mark.parametrize("dark_current_e_s", [0.0, 900.0])
+def test_dark_current_is_no_read_noise(dark_current_e_s: float) -> None:
+    """30 electrons, whose shot noise is as loud as reading, are a level like light's."""
+    truth = sensor_with(
+        bit_depth=12, read_noise_e=5.6, dark_current_e_s=dark_current_e_s, exposure_s=0.033
+    )
+    start = dataclasses.replace(truth, left=dataclasses.replace(truth.left, read_noise_e=3.0))
+    found = values(fit_photon_transfer(repeats(truth.left, count=8, top=0.1), start))
+    assert found["read_noise_e"] == pytest.approx(5.6, rel=0.10)
+    assert found["full_well_e"] == pytest.approx(truth.left.full_well_e, rel=0.03)
 
 
 def test_hidden_read_noise_is_named_and_not_guessed() -> None:
@@ -90,9 +102,7 @@ def test_intervals_cover() -> None:
     want = np.array([truth.left.full_well_e, 30.0, 0.5])
     inside = []
     for seed in range(60):
-        solution = fit_photon_transfer(
-            repeats(truth.left, count=3, seed=seed), truth, exposure_s=0.01
-        )
+        solution = fit_photon_transfer(repeats(truth.left, count=3, seed=seed), truth)
         off = np.array([e.value for e in solution.estimates]) - want
         inside.append(np.abs(off) < 1.645 * np.array([e.sd for e in solution.estimates]))
     rates = np.mean(inside, axis=0)

@@ -43,11 +43,15 @@ def test_dots_tell_where_it_is_brighter(tmp_path):
     assert np.median(np.abs(off / np.median(off) - 1)) < 0.1
 
 
-def test_even_light_is_found_even(tmp_path):
-    known = rooms.room(tmp_path / "set", 0.4)
+@pytest.mark.parametrize("ambient", [0.17, 0.7])
+def test_even_light_is_found_even(ambient, tmp_path):
+    """Near and far: what is lost of dots on the way would pass for light where most are thrown."""
+    known = rooms.room(tmp_path / "set", ambient)
     found = captured.lit(known, SENSOR, smoothing_px=6.0, within_surfaces=True)
     assert found.ambient_share is not None
-    assert np.quantile(np.abs(found.ambient_share - 1), 0.8) < 0.15
+    assert np.quantile(np.abs(found.ambient_share - 1), 0.8) < 0.08
+    block, wall = found.ambient_share[100:190, 70:140], found.ambient_share[20:70]
+    assert np.median(block) / np.median(wall) == pytest.approx(1, rel=0.05)
 
 
 @pytest.mark.parametrize("believed", [BELIEVED, DARK])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import dataclasses
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from diagnosis.which.candidates import LEFT_OUT
 from diagnosis.withheld import case, seal
 from diagnosis.withheld.case import Case, draw
 from diagnosis.withheld.catalogue import ROWS, Strengths
@@ -20,7 +22,8 @@ from diagnosis.withheld.limits import Limits
 from diagnosis.withheld.nominal import Nominal
 from sim import effects
 
-PAGES = Path(__file__).parents[4] / "docs" / "effects"
+DOCS = Path(__file__).parents[4] / "docs"
+PAGES = DOCS / "effects"
 FAMILIES = {row.name: row.family for row in effects.table()}
 COUNTS: dict[case.CaseKind, int] = {"null": 4, "single": 90, "pair": 12, "unknown": 9}
 
@@ -30,6 +33,18 @@ def test_rows_are_called_as_their_pages() -> None:
     for row in ROWS.values():
         assert (row.name in pages) == (row.kind != "outside"), row.name
     assert len([row for row in ROWS.values() if row.kind == "outside"]) >= 8
+
+
+def test_what_is_not_withheld_is_told() -> None:
+    """The decision's list and its counts."""
+    tried = {row.name for row in effects.table()} - LEFT_OUT
+    missing = tried - ROWS.keys()
+    note = (DOCS / "decisions" / "0021-check-on-withheld-effects.md").read_text(encoding="utf-8")
+    listed = note.split("## Not in it")[1].split("`dot_defocus`")[0]
+    assert {*re.findall(r"`(\w+)`", listed)} == missing
+    counts = [len(tried), len(tried - missing), len(missing)]
+    told = r"Of the (\d+) rows .* tries (\d+) can be withheld; .* Of the other (\d+) "
+    assert re.findall(told, listed) == [tuple(map(str, counts))]
 
 
 def test_units_are_those_of_the_pages() -> None:
@@ -116,13 +131,13 @@ def test_each_side_is_drawn_from_its_own_limit(camera: Nominal) -> None:
 
 
 def test_choices_that_are_not_found_are_not_drawn(camera: Nominal) -> None:
-    found = Limits(departures={}, choices={"median": (), "smoothing_mean": (5, 21)})
-    post = [row for row in ROWS.values() if row.name in {"median", "smoothing_mean"}]
+    found = Limits(departures={}, choices={"median": (), "hole_filling": (1, 3)})
+    post = [row for row in ROWS.values() if row.name in {"median", "hole_filling"}]
     others = [row.name for row in ROWS.values() if row not in post]
     drawn = draw(camera, {"single": 40}, limits=found, kinds=("post",), leave_out=others, entropy=1)
     assert {tuple(each.settings.items()) for each in drawn} == {
-        (("smoothing_mean", 5.0),),
-        (("smoothing_mean", 21.0),),
+        (("hole_filling", 1.0),),
+        (("hole_filling", 3.0),),
     }
 
 

@@ -28,7 +28,6 @@ def test_off_is_the_very_maps(camera: Nominal) -> None:
     ("name", "value"),
     [
         ("median", 5),
-        ("smoothing_mean", 9),
         ("subpixel_steps", 0.5),
         ("pixel_locking", 0.1),
         ("edge_jump", 0.05),
@@ -43,6 +42,15 @@ def test_every_effect_acts_by_its_name(name: str, value: float, camera: Nominal)
     z = _depth()
     out = filters.process(z, Strengths(nominal=camera, values={name: value}))
     assert not np.array_equal(out, z, equal_nan=True)
+
+
+def test_islands_are_those_of_the_map_before_it_was_written(camera: Nominal) -> None:
+    """Disparities that differ by the page's step are joined in depth of whole units too."""
+    fb, unit_m = camera.focal_baseline_px_m, camera.depth_unit_m
+    disparity_px = np.repeat(np.arange(8.0, 40.0), 2)[None] + np.linspace(0.0, 0.9, 5)[:, None]
+    z = np.rint(fb / disparity_px / unit_m) * unit_m
+    out = filters.process(z, Strengths(nominal=camera, values={"speckle_filter": 60}))
+    assert np.isfinite(out).all()
 
 
 def test_range_includes_its_end() -> None:

@@ -39,14 +39,14 @@ def test_each_side_has_its_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_choices_are_those_that_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Words have other numbers on an effect's page: any one stands for all."""
     told = {
-        "smoothing_mean": {"found": [5, 9, 200]},
+        "quantisation": {"found": [8, 12, 200]},
         "hole_filling": {"found": ["left"]},
         "median": {"found": []},
     }
     _told(told, tmp_path, monkeypatch)
     found = limits.read()
     assert found.departures == {}
-    assert found.choices == {"smoothing_mean": (5, 9), "hole_filling": (1, 2, 3), "median": ()}
+    assert found.choices == {"quantisation": (8, 12), "hole_filling": (1, 2, 3), "median": ()}
 
 
 def test_a_limit_is_a_departure_from_the_camera_that_it_was_made_with(
@@ -61,13 +61,22 @@ def test_a_limit_is_a_departure_from_the_camera_that_it_was_made_with(
 
 
 def test_the_shipped_file_knows_the_table() -> None:
-    found = limits.read()
-    assert (
-        {"gamma", "lens_blur", "read_noise"}
-        <= {name for name, _ in found.departures}
-        <= ROWS.keys()
-    )
+    found = limits.read(of=ROWS)
+    assert {*(name for name, _ in found.departures), *found.choices} == {
+        row.name for row in ROWS.values() if row.kind != "outside"
+    }
     assert all(departure > 0 for departure in found.departures.values())
+
+
+def test_limits_of_some_effects_are_not_taken_for_those_of_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is outside the table has none; of all else the page's low end is no limit."""
+    _told({"veil": {"base": 0, "below": None, "above": 0.1}}, tmp_path, monkeypatch)
+    assert limits.read(of=("veil", "lens_ghost")).departures == {("veil", 1): 0.1}
+    words = r"detection limits must hold .*; got .* without \['gamma', 'median'\]\. Make the file"
+    with pytest.raises(WithheldError, match=words):
+        limits.read(of=("veil", "median", "gamma", "lens_ghost"))
 
 
 @pytest.mark.parametrize(

@@ -52,6 +52,23 @@ def test_dot_blur_adds_its_variance_in_angle(
     assert blurred.laser_e.sum() == pytest.approx(one_dot.laser_e.sum(), rel=0.01)
 
 
+def test_dot_blur_is_even_in_cosines(one_dot: View, camera: Nominal) -> None:
+    """Law: off the axis a variance in direction cosines is wider on the plane.
+
+    Rays scatter about one that stands off the axis; the mean of both variances of their tangents is
+    the one that is added there. Does not prove the shape: a spot is widened alike to all sides.
+    """
+    across = np.random.default_rng(0).normal(0.0, 1e-3, (2, 100_000))  # 1 mrad.
+    for tangent in (0.0, 0.5, 1.0):
+        cosine = tangent / math.hypot(1.0, tangent)
+        u, v = cosine + across[0], across[1]
+        scattered = np.stack([u, v]) / np.sqrt(1.0 - u**2 - v**2)
+        view = dataclasses.replace(one_dot, px=np.full(camera.shape, tangent), py=one_dot.py * 0)
+        width = projector.width_px(view, Strengths(nominal=camera, values={"dot_blur": 1.0}))
+        law = camera.fx_px * math.sqrt(scattered.var(axis=1).mean())
+        np.testing.assert_allclose(width, law, rtol=0.01)
+
+
 def test_dot_blur_leaves_shading_and_shadow_sharp(light: Light, camera: Nominal) -> None:
     flat = dataclasses.replace(light.left, laser_e=light.left.even_e)
     np.testing.assert_allclose(_throw(flat, camera, dot_blur=4.0).laser_e, flat.even_e, rtol=1e-9)
