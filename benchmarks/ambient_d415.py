@@ -28,8 +28,8 @@ from diagnosis import nuisances
 from learning.captured import SMOOTHING_PX
 from sim import asked_sensor, simulate
 from sim.capture import CapturedScene
-from sim.light.signals import signals
 from sim.metrics import depth_edges
+from sim.noiseless import noiseless
 from sim.scene import Scene
 from sim.scenes import ambient_share, captured
 from sim.sensor import Sensor
@@ -75,19 +75,21 @@ def of_room(
     percentile over the median. Then the right image.
     """
     layers = simulate.rendered(Stage(room), sensor, samples=4)
-    light = signals(layers.left, room, sensor, "left")
+    light = captured.in_the_mean(layers.left, room, sensor)
     level = room.ambient.irradiance_w_m2
     lit = light.laser.astype(np.float32), (level * light.ambient).astype(np.float32)
-    pair = simulate.infrared(layers, room, sensor)
+    made = noiseless(layers, room, sensor)
+    drawn = simulate.infrared(layers, room, sensor).left - np.float32(sensor.left.black_level_dn)
     frame = scene.fullest()
-    assert frame.ir_left is not None and frame.ir_right is not None and pair.right is not None
-    images = [np.asarray(one, np.float32) for one in (frame.ir_left, pair.left)]
+    assert frame.ir_left is not None and frame.ir_right is not None
+    images = [frame.ir_left - np.float32(sensor.left.black_level_dn), drawn]
     even = _even(layers.truth.depth_m, scene)
-    both = [_ratio(image - np.float32(sensor.left.black_level_dn), lit) for image in images]
+    both = [_ratio(image, lit) for image in images]
     told = even & np.all([np.isfinite(one) for one in both], axis=0)
     real, simulated = (np.quantile(one[told] / np.median(one[told]), (0.1, 0.9)) for one in both)
     assert layers.right is not None
-    spread, off = _right(frame.ir_right, pair.right, _even(layers.right.depth_m, scene))
+    seen = frame.ir_right - np.float32(sensor.right.black_level_dn)
+    spread, off = _right(seen, made["right"], _even(layers.right.depth_m, scene))
     return real, simulated, spread, off
 
 

@@ -111,7 +111,7 @@ def lit(
     ambient, share = LIT_ROOM_W_M2, None
     if frame.ir_left is not None:
         dotted = _level(scene, frame.ir_left, black_dn)
-        share = ambient_share.told(dotted, _in_the_mean(view, even, sensor), disparity_px)
+        share = ambient_share.told(dotted, in_the_mean(view, even, sensor), disparity_px)
         if share is not None:
             light = dataclasses.replace(light, ambient=share * light.ambient)
         ambient = room_light.ambient_w_m2(dotted, light, sensor.left)
@@ -128,11 +128,16 @@ def lit(
     return Lit(room_light.reflectance(seen, light, ambient, detail), ambient, share)
 
 
-def _in_the_mean(view: View, scene: Scene, sensor: Sensor) -> Signals:
+def in_the_mean(view: View, scene: Scene, sensor: Sensor) -> Signals:
     """What a left imager makes of each light, speckle apart.
 
     Grains that are not the image's own, and dots that are not averaged as its are, would agree with
     it less, which passes for ambient light, and for more of it the more dots there are.
+
+    Args:
+        view: of the left imager, rendered with this sensor's geometry and projector.
+        scene: it is of.
+        sensor: whose projector, optics, crosstalk and averaging act.
     """
     light = dataclasses.replace(sensor.projector, speckle_contrast=0.0, flicker=0.0)
     seen = signals(view, scene, dataclasses.replace(sensor, projector=light), "left")
