@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -170,9 +171,16 @@ def infrared(
         views["right"] = layers.right
     parts: dict[Side, Imager] = {"left": sensor.left, "right": sensor.right}
 
-    def formed(side: Side) -> Image:
-        light = received(views[side], scene, sensor, seed=seed, frame=frame)
-        return optics.image(light, views[side].depth_m, sensor, side, seed=seed)
+    def formed(side: Side, by: Sensor = sensor) -> Image:
+        light = received(views[side], scene, by, seed=seed, frame=frame)
+        return optics.image(light, views[side].depth_m, by, side, seed=seed)
+
+    def metered() -> Image:
+        """What exposure goes by: it follows over many frames, not one frame's own flicker."""
+        if not (sensor.projector.flicker and sensor.left.auto_exposure_level):
+            return images["left"]
+        steady = dataclasses.replace(sensor.projector, flicker=0.0)
+        return formed("left", dataclasses.replace(sensor, projector=steady))
 
     def read_out(side: Side) -> imager.Readout:
         return imager.read_out(
@@ -188,7 +196,7 @@ def infrared(
     # The work is in libraries that let go of Python's lock: two threads are nearly twice as fast.
     with ThreadPoolExecutor(2) as pool:
         images = dict(zip(views, pool.map(formed, views), strict=True))
-        exposure = imager.control(sensor.left, images["left"], wavelength)
+        exposure = imager.control(sensor.left, metered(), wavelength)
         electrons = {
             side: imager.mean_electrons(parts[side], image, wavelength, exposure)
             for side, image in images.items()

@@ -14,10 +14,11 @@ import pytest
 
 from patterns import Pattern
 from patterns.field import Field
-from sim import metrics, projector, reference, render, sensors, stage
+from sim import metrics, projector, reference, render, sensors, simulate, stage
 from sim.light.received import received
 from sim.scene import Ambient
 from sim.scenes import builtin
+from sim.sensor_edits import with_values
 
 FWHM_MRAD = 5.0
 SIGMA_MRAD = FWHM_MRAD / np.sqrt(8 * np.log(2))
@@ -226,3 +227,16 @@ def test_without_flicker_every_frame_is_the_same_bits(seen):
     frames = [received(layers.left, scene, sensor, seed=7, frame=n).laser for n in (0, 5)]
     assert np.array_equal(frames[0], frames[1])
     assert np.array_equal(frames[0], layers.left.projector_direct * np.float32(0.15))
+
+
+def test_exposure_does_not_follow_one_frame_s_flicker(seen):
+    """Else what jumps from frame to frame would be the ambient light."""
+    layers, scene, sensor = seen
+    sensor = with_values(sensor, [("imager.auto_exposure_max_s", 0.2)])
+    shaky = with_light(sensor, flicker=0.3)
+    pairs = [simulate.infrared(layers, scene, shaky, seed=7, frame=frame) for frame in range(6)]
+    steady = simulate.infrared(layers, scene, sensor, seed=7).exposure
+    assert steady.exposure_s < sensor.left.auto_exposure_max_s
+    assert all(pair.exposure == steady for pair in pairs)
+    levels = [pair.electrons.mean() for pair in pairs]
+    assert np.std(levels) > 0.1 * np.mean(levels)

@@ -83,7 +83,7 @@ def simulated(do: Do) -> Simulated:
 
 
 def both(captured: np.ndarray, of: Simulated) -> Laid:
-    levels = within_codes.levels(captured, side=0)
+    levels = within_codes.levels(captured)
     known = Known(captured.astype(np.float32), levels, of.without, of.still)
     return laid_on(known, of.changed, ceiling=255)
 
