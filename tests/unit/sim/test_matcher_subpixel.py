@@ -15,7 +15,9 @@ from sim.matcher import D4XX, FAST, CensusSemiGlobal, Matcher, Refinement
 from sim.matching import match, subpixel
 from sim.reason import Reason
 
-FINE = replace(D4XX, search_px=32, refinement=replace(D4XX.refinement, quantum_px=0.0))
+FINE = replace(
+    D4XX, search_px=32, refinement=replace(D4XX.refinement, quantum_px=0.0, locking_px=0.0)
+)
 
 
 @pytest.fixture(scope="module")
