@@ -11,7 +11,7 @@ from typing import Any
 
 from diagnosis.nuisances import Nuisances
 from sim.sensor import Sensor
-from sim.threads import cores, single_threaded
+from sim.threads import begin_worker, cores
 
 _MOST = 8
 _held: dict[str, Any] = {}  # Of a process: its subjects by name.
@@ -84,7 +84,7 @@ def _begin(
     from diagnosis.subject import subject
     from sim import capture
 
-    single_threaded()
+    begin_worker()
     other = None if against is None else capture.open_set(against)
     for one, beside in scene_pairs(capture.open_set(captures), other).pairs:
         if one.name in scenes:

@@ -199,14 +199,7 @@ FAST = Matcher(
 
 D4XX = Matcher(
     engine=CensusSemiGlobal(),
-    refinement=Refinement(
-        median_px=5,
-        smooth_px=15,
-        smooth_step_px=2.0,
-        # The fit pulls to whole pixels by 0.04 px; a D415 does not, its A-factor corrects that.
-        locking_px=-0.04,
-        quantum_px=1 / 32,
-    ),
+    refinement=Refinement(median_px=5, smooth_px=15, smooth_step_px=2.0, quantum_px=1 / 32),
     checks=Checks(
         left_right_px=0.75,  # The device's 24, read as 1/32 px.
         left_right_mean_px=9,

@@ -15,7 +15,7 @@ from patterns import errors
 from sim.capture_info import CaptureInfo
 from sim.generation.plan import Plan
 from sim.generation.task import Made, Task, make
-from sim.threads import single_threaded
+from sim.threads import begin_worker
 
 _AHEAD = 2  # Tasks that wait for each worker: what is made faster than written must not pile up.
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -39,7 +39,7 @@ def made(
     waiting: deque[Future[Made]] = deque()
     with (
         _one_thread(),
-        ProcessPoolExecutor(workers, context, initializer=single_threaded) as pool,
+        ProcessPoolExecutor(workers, context, initializer=begin_worker) as pool,
     ):
         try:
             for task in tasks:
