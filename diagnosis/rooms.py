@@ -70,6 +70,19 @@ def interval(
     return middle + wider * (low - middle), middle + wider * (high - middle)
 
 
+def mean_interval(
+    values: NDArray[np.float64], times: NDArray[np.int64], count: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Both ends of the `interval` of a mean over scenes.
+
+    Args:
+        values: (scenes,), all known.
+        times: (draws, scenes) as of `draws`.
+        count: of the rooms.
+    """
+    return interval(times @ values / times.sum(axis=1), float(values.mean()), count)
+
+
 def _numbers(rooms: Sequence[str]) -> NDArray[np.intp]:
     """Number of each scene's room, in the order rooms come in."""
     order = list(dict.fromkeys(rooms))

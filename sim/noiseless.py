@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
 
 import numpy as np
 
 from sim import simulate
 from sim.imager import Infrared
 from sim.layers import Image, Layers
+from sim.light.steady import steady
 from sim.scene import Scene
 from sim.sensor import Imager, Sensor
-
-Side = Literal["left", "right"]
+from sim.simulate import Side
 
 _BITS = 16  # Codes too fine to matter.
 
@@ -32,9 +31,11 @@ def noiseless(layers: Layers, scene: Scene, sensor: Sensor) -> dict[Side, Image]
     Returns:
         (h, w) by view, above the black level [DN].
     """
-    light = dataclasses.replace(sensor.projector, speckle_contrast=0.0, flicker=0.0)
     quiet = dataclasses.replace(
-        sensor, projector=light, left=_quiet(sensor.left), right=_quiet(sensor.right)
+        sensor,
+        projector=steady(sensor.projector),
+        left=_quiet(sensor.left),
+        right=_quiet(sensor.right),
     )
     pair = simulate.infrared(layers, scene, quiet)
     found: dict[Side, Image] = {"left": _above_black(pair.left, sensor.left)}

@@ -18,6 +18,7 @@ from sim.imager import electrons_per_radiance, mixed
 from sim.imager.exposure import Exposure
 from sim.layers import Image, Mask, View
 from sim.light.signals import signals
+from sim.light.steady import steady
 from sim.pinhole import Pinhole
 from sim.scene import Scene
 from sim.sensor import Imager, Sensor
@@ -68,8 +69,8 @@ def expected(
         side: which imager.
         exposure: time and gain of the image.
     """
-    still = dataclasses.replace(sensor.projector, power_w=1.0, flicker=0.0, speckle_contrast=0.0)
-    sensor = dataclasses.replace(sensor, projector=still)
+    unit = dataclasses.replace(steady(sensor.projector), power_w=1.0)
+    sensor = dataclasses.replace(sensor, projector=unit)
     imager, wavelength = part(sensor, side), sensor.projector.wavelength_nm
     electrons = electrons_per_radiance(imager, wavelength, exposure.exposure_s)
     scale = np.float32(electrons * dn_per_electron(imager, exposure))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.rooms import FEWEST, draws, interval
+from diagnosis.rooms import FEWEST, draws, interval, mean_interval
 
 _DRAWS = 2000
 
@@ -58,20 +58,18 @@ def closed(
 
 def _closed(before: NDArray, after: NDArray, floor: NDArray, rooms: Sequence[str]) -> Closed:
     times = draws(rooms, _DRAWS, np.random.default_rng(0))
-    closable = times @ (before - floor) / times.sum(axis=1)
     count = len(set(rooms))
     share, ends = None, None
     if count >= FEWEST:
-        low, _ = interval(closable, float((before - floor).mean()), count)
-        least = float(low)
+        least = float(mean_interval(before - floor, times, count)[0])
     else:
         least = float((before - floor).min())
     if least > 0:
         share = float(100 * (before - after).sum() / (before - floor).sum())
     if share is not None and count >= FEWEST:
-        gap = np.where(closable > 0, closable, np.nan)  # The few draws without one have no share.
-        shrunk = times @ (before - after) / times.sum(axis=1)
-        low, high = interval(100 * shrunk / gap, share, count)
+        gap = times @ (before - floor)
+        gap = np.where(gap > 0, gap, np.nan)  # The few draws without one have no share.
+        low, high = interval(100 * (times @ (before - after)) / gap, share, count)
         ends = (float(low), float(high))
     return Closed(
         before=float(before.mean()),

@@ -1,6 +1,7 @@
 """How far a simulation is from a real reading of one scene, each in its own unit; less is better.
 
-0 is best but of a negative log likelihood."""
+0 is best but of a negative log likelihood.
+"""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from diagnosis.ground import Ground
 from diagnosis.reading import Reading
-from diagnosis.rooms import FEWEST, draws, interval
+from diagnosis.rooms import FEWEST, draws, mean_interval
 from sim import metrics
 
 Difference = tuple[float, float | None, float | None]  # No ends where rooms are too few.
@@ -114,6 +114,5 @@ def _difference(values: NDArray, rooms: Sequence[str]) -> Difference | None:
     if len(set(rooms)) < FEWEST:
         return mean, None, None
     times = draws(rooms, _DRAWS, np.random.default_rng(0))
-    drawn = times @ values / times.sum(axis=1)
-    low, high = interval(drawn, mean, len(set(rooms)))
+    low, high = mean_interval(values, times, len(set(rooms)))
     return mean, float(low), float(high)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -100,15 +100,16 @@ def _begun(first: Sequence[Fit], trial: Trial, every: Sequence[Fit]) -> Model:
     if not first or first[0].total < trial.threshold:
         return _enough(first, trial)
     enough = [nothing.wider(one) for one in first if one.total >= trial.threshold]
-    single = (simulated(trial, one) for one in enough[:_BEGUN])
-    alone = next((one for one in single if one is not None), nothing)
+    alone = _first(simulated(trial, one) for one in enough[:_BEGUN]) or nothing
     if not trial.explained(alone.made()):
         alone = _completed(alone, trial, every)
-    for pair in _pairs(first, trial)[:_BEGUN]:
-        both = _better(pair, alone, trial)
-        if both is not None:
-            return both
-    return alone
+    pairs = _pairs(first, trial)[:_BEGUN]
+    return _first(_better(pair, alone, trial) for pair in pairs) or alone
+
+
+def _first(found: Iterable[Model | None]) -> Model | None:
+    """The first that there is; none after it is looked for."""
+    return next((one for one in found if one is not None), None)
 
 
 def _enough(first: Sequence[Fit], trial: Trial) -> Model:
@@ -198,8 +199,7 @@ def _exchanged(model: Model, trial: Trial, signatures: Sequence[Signature]) -> M
             gains += [(one.total - own, model.exchanged(number, one)) for one in others]
         enough = [one for one in gains if one[0] >= trial.threshold]
         likely = sorted(enough, key=lambda each: -each[0])[:_BEGUN]
-        found = (_better(one, model, trial) for _, one in likely)
-        other = next((one for one in found if one is not None), None)
+        other = _first(_better(one, model, trial) for _, one in likely)
         if other is None:
             break
         model = other
@@ -248,7 +248,7 @@ def _borne_out(model: Model, trial: Trial) -> Model:
     """Leave out what, simulated with the others, no longer gains enough on held-out scenes."""
     while model.terms:
         least = (_ENOUGH if _is_enough(model, trial) else 1) * trial.threshold
-        gains = [_own(number, model, trial).total for number in range(len(model.terms))]
+        gains = [_own(number, model, trial)[0].total for number in range(len(model.terms))]
         worst = int(np.argmin(gains))
         if gains[worst] >= least or (less := _without(worst, model, trial)) is None:
             break
@@ -256,19 +256,13 @@ def _borne_out(model: Model, trial: Trial) -> Model:
     return model
 
 
-def _own(number: int, model: Model, trial: Trial) -> Fit:
-    """One of the effects, and what it gains over the others, simulated without it."""
-    return trial.fit(
-        model.terms[number],
-        given=model.made(without=number),
-        over=_others_alone(number, model, trial),
-    )
-
-
-def _others_alone(number: int, model: Model, trial: Trial) -> Made | None:
-    """What all but one make; None where the sensor cannot have them so."""
+def _own(number: int, model: Model, trial: Trial) -> tuple[Fit, Made | None]:
+    """One of the effects with what it gains over the others, simulated without it, and what these
+    make; None where the sensor cannot have them so.
+    """
     less = _without(number, model, trial)
-    return None if less is None else less.made()
+    over = None if less is None else less.made()
+    return trial.fit(model.terms[number], given=model.made(without=number), over=over), over
 
 
 def _without(number: int, model: Model, trial: Trial) -> Model | None:
@@ -306,9 +300,8 @@ def _in_place(
     """One of the effects, and others in its place, given the rest; beside stand-ins no other is
     simulated closer.
     """
-    given, over = model.made(without=number), _others_alone(number, model, trial)
-    rest = model.others(signatures)
-    own = _own(number, model, trial)
+    own, over = _own(number, model, trial)
+    given, rest = model.made(without=number), model.others(signatures)
     if trial.explained(model.made()):
         return own, sharper(rest, trial, given, over=over, gained=own.total)
     return own, [trial.fit(one, given=given, over=over) for one in rest]

@@ -14,6 +14,7 @@ from sim.capture import CapturedScene, Frame, GreyImage, open_set
 from sim.imager import mixed
 from sim.layers import View
 from sim.light.signals import Signals, signals
+from sim.light.steady import steady
 from sim.scene import Material, Scene
 from sim.scenes import depth_surface, dots_off, room_light
 from sim.scenes.room_light import LIT_ROOM_W_M2, Lit
@@ -139,8 +140,8 @@ def in_the_mean(view: View, scene: Scene, sensor: Sensor) -> Signals:
         scene: it is of.
         sensor: whose projector, optics, crosstalk and averaging act.
     """
-    light = dataclasses.replace(sensor.projector, speckle_contrast=0.0, flicker=0.0)
-    seen = signals(view, scene, dataclasses.replace(sensor, projector=light), "left")
+    still = dataclasses.replace(sensor, projector=steady(sensor.projector))
+    seen = signals(view, scene, still, "left")
     lights = (seen.laser, seen.ambient, seen.other)
     laser, ambient, other = (mixed(sensor.left, one) for one in lights)
     return Signals(laser=laser, ambient=ambient, other=other)

@@ -14,7 +14,6 @@ import pytest
 from calibration.photometry.prediction import Prediction
 from calibration.photometry.speckle_contrast import fit_speckle, speckle_bound
 from sim import imager, sensors
-from sim.imager import charge, smoothing
 from sim.light import speckle
 from sim.sensor import Sensor
 
@@ -50,8 +49,7 @@ def captured(sensor: Sensor, contrast: float, *, seed: int = 0) -> Prediction:
         seed=seed,
         frame=0,
     ).delivered
-    light = charge.crosstalk(laser + np.float32(AMBIENT_DN), part.crosstalk)
-    mean = smoothing.smoothed(light, part.smoothing_px)
+    mean = imager.mixed(part, laser + np.float32(AMBIENT_DN))
     level = codes.astype(np.float32)
     return Prediction(
         scene="dots",
