@@ -152,15 +152,14 @@ class Subject:
         rng = np.random.default_rng(self._noise(seed))
         return exposed_again(self.against, self.sensor, rng)
 
-    def rematch(self, settings: Mapping[str, Value], *, of: Reading | None = None) -> Reading:
-        """Match an infrared pair again, as it was put out, by a matcher with effects set.
+    def rematch(self, settings: Mapping[str, Value]) -> Reading:
+        """Match the captured pair again, as it was put out, by a matcher with effects set.
 
         Args:
             settings: value by effect's name.
-            of: whose pair; the captured one where none is given.
         """
         sensor = _on_sensor(self.sensor, tuple(settings.items()))
-        pair = self.real if of is None else of
+        pair = self.real
         assert pair.left is not None and pair.right is not None
         maps = matched(pair.left, pair.right, sensor, memory=self._memory)
         return dataclasses.replace(pair, device_px=written(maps, sensor))

@@ -169,7 +169,7 @@ def _squares(
     for number, (scene, sensor) in enumerate(proposal.setups(of.scene, of.sensor)):
         base = _taken(of, scene, sensor, proposal, number)
         if arm is Arm.DEPTH:
-            base = dataclasses.replace(base, real=base.simulate({}, seed=0))
+            base = dataclasses.replace(base, real=base.capture({}, seed=0))
         tables = []
         for setups, finer in zip(supposed, bits, strict=True):
             # What a rival changes is seen in the bins of what is believed.

@@ -4,8 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagnosis.features import disparity, levels, repeats, residual, shifts, surface, texture
-from diagnosis.ground import Ground
+from diagnosis.features import (
+    disparity,
+    levels,
+    rematched,
+    repeats,
+    residual,
+    shifts,
+    surface,
+    texture,
+)
+from diagnosis.ground import Ground, Image
 from diagnosis.reading import Reading
 
 Features = dict[str, float]
@@ -38,13 +47,21 @@ def of_image(reading: Reading, ground: Ground, *, ceiling: float) -> Features:
     return found
 
 
-def of_depth(reading: Reading, ground: Ground) -> Features:
-    """What a device's depth tells, beside our matcher's on the same images where they are there."""
+def of_depth(reading: Reading, ground: Ground, *, captured_px: Image | None) -> Features:
+    """What a device's depth tells, where images are there also beside our matcher's on the same.
+
+    Args:
+        reading: with depth of a device's own.
+        ground: of the scene.
+        captured_px: (h, w) what the device gave of these images; None where there are none.
+    """
     assert reading.device_px is not None
     device = reading.device_px[0]
     found = disparity.disparity(device, ground) | surface.surface(device, ground)
-    if reading.ours_px is not None:
-        found |= surface.against(device, reading.ours_px[0], ground)
+    if captured_px is not None:
+        assert reading.ours_px is not None
+        found |= rematched.against(device, reading.ours_px[0], ground)
+        found |= rematched.unlike(device, captured_px, ground)
     if len(reading.device_px) > 1:
         found |= repeats.depth(reading.device_px, ground)
     return found

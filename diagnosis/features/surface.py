@@ -71,22 +71,3 @@ def _first_column(valid: np.ndarray) -> int:
     """First column of which a tenth has depth."""
     enough = valid.mean(axis=0) > 0.1
     return int(np.argmax(enough)) if enough.any() else valid.shape[1]
-
-
-def against(device_px: Image, ours_px: Image, ground: Ground) -> dict[str, float]:
-    """A device's depth beside what our matcher makes of the same infrared pair."""
-    device, ours = np.isfinite(device_px), np.isfinite(ours_px)
-    difference = device_px - ours_px
-    near = np.where(np.abs(difference) < 2, difference, np.nan)
-    [(_, everywhere)] = ground.whole()
-    bias, spread = bins.median_and_spread(near, everywhere)
-    found = {
-        "against.lost": bins.rate(~device, bins.among(everywhere, ours)),
-        "against.won": bins.rate(device, bins.among(everywhere, ~ours)),
-        "against.bias": bias,
-        "against.spread": spread,
-    }
-    for name, where in ground.each("edge", "level", "depth"):
-        found[f"against.lost.{name}"] = bins.rate(~device, bins.among(where, ours))
-        found[f"against.bias.{name}"] = bins.median(near, where)
-    return found

@@ -15,7 +15,8 @@ WORDS = {
     "holes": "pixels without depth",
     "surface": "steps and flat parts of the depth map",
     "range": "the nearest and farthest depth",
-    "against": "the device's depth against our matcher's",
+    "against": "which way the device's depth is off our matcher's",
+    "unlike": "how far the device's depth is from ours",
 }
 
 

@@ -317,8 +317,7 @@ def otherwise_row(of: Subject, columns: Columns, number: int) -> Row | None:
 
 def finer_row(of: Subject, columns: Columns, settings: Mapping[str, Value], seed: int) -> Row:
     """One scene's row of `Bench.finer`."""
-    own = of.capture(settings, seed=seed)
-    return _row(own, of, columns) - _row(of.rematch({}, of=own), of, columns)
+    return _beside_ours(of.capture(settings, seed=seed), of, columns)
 
 
 def exposed_row(of: Subject, columns: Columns, seed: int) -> Row:
@@ -343,16 +342,23 @@ def _in_order(features: Mapping[str, float], columns: Columns) -> Row:
 
 
 def _other_row(reading: Reading, subject: Subject, columns: Columns) -> Row:
-    row = _row(reading, subject, columns)
-    if columns.arm is not Arm.DEPTH:
-        return row
-    return row - _row(subject.rematch({}, of=reading), subject, columns)
+    if columns.arm is Arm.DEPTH:
+        return _beside_ours(reading, subject, columns)
+    return _row(reading, subject, columns)
+
+
+def _beside_ours(reading: Reading, subject: Subject, columns: Columns) -> Row:
+    """A device's depth less what our matcher makes of its images."""
+    device = dataclasses.replace(subject, real=reading)
+    return _row(reading, device, columns) - _row(device.rematch({}), device, columns)
 
 
 def _features(arm: Arm, reading: Reading, subject: Subject, ceiling: float) -> dict[str, float]:
     if arm is Arm.IMAGE:
         return features.of_image(reading, subject.ground, ceiling=ceiling)
-    return features.of_depth(reading, subject.ground)
+    device_px = subject.real.device_px if arm is Arm.DEPTH else None
+    captured_px = None if device_px is None else device_px[0]
+    return features.of_depth(reading, subject.ground, captured_px=captured_px)
 
 
 def _digest(subject: Subject, columns: Columns, base: Row) -> str:
@@ -372,9 +378,9 @@ def _digest(subject: Subject, columns: Columns, base: Row) -> str:
     pairs = [subject.real] if columns.arm is Arm.DEPTH else []
     pairs += [] if subject.against is None else [subject.against]
     for pair in pairs:
-        for images in (pair.left, pair.right):
-            if images is not None:
-                found.update(np.ascontiguousarray(images).tobytes())
+        for maps in (pair.left, pair.right, pair.device_px):
+            if maps is not None:
+                found.update(np.ascontiguousarray(maps).tobytes())
     return found.hexdigest()[:16]
 
 

@@ -14,7 +14,7 @@ from diagnosis.which.signature import Signature
 
 FREEDOM = 4.0  # Of Student's t: a feature that the simulator gets wrong must not decide alone.
 TAU = 0.2  # Share of its own size by which what effects make is taken to be wrong.
-LARGEST = 100.0  # Squared deviations of one feature that count for a gap's size.
+LARGEST = 100.0  # Squared deviations of one feature that count: beyond, how many tells nothing.
 _SEEN = 1.0  # Deviations, root sum of squares, below which a change tells of no likeness.
 
 
@@ -59,6 +59,9 @@ class Likelihood:
     def cost(self, made: Made) -> NDArray[np.float64]:
         """Negative logarithm of the likelihood for each scene.
 
+        What is farther off than counts does not come nearer by being less sure: an effect that
+        changes such a feature a little, either way, gained by what it may be wrong by.
+
         Args:
             made: what effects make.
 
@@ -66,7 +69,7 @@ class Likelihood:
             (..., scenes), up to a constant.
         """
         wide = 0.5 * np.log(self._variance(made) / self.deviation**2)
-        off = 0.5 * (FREEDOM + 1) * np.log1p(self.beyond(made) ** 2 / FREEDOM)
+        off = 0.5 * (FREEDOM + 1) * np.log1p(squares(self.beyond(made)) / FREEDOM)
         return np.where(np.isfinite(self.gap), off + wide, 0.0) @ self.weight
 
     def _variance(self, made: Made) -> NDArray[np.float64]:

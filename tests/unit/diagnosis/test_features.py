@@ -9,7 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from diagnosis import reading
-from diagnosis.features import disparity, levels, repeats, residual, shifts, surface, texture
+from diagnosis.features import (
+    disparity,
+    levels,
+    rematched,
+    repeats,
+    residual,
+    shifts,
+    surface,
+    texture,
+)
 from diagnosis.ground import Ground, ground
 from patterns.errors import InputError
 from sim import sensors
@@ -147,9 +156,27 @@ def test_surfaces_tell_of_smoothing_and_steps():
     assert other["surface.rough x"] < one["surface.rough x"] - 1
     stepped = surface.surface(np.round(rough * 4) / 4, GROUND)
     assert stepped["surface.equal x"] > one["surface.equal x"] + 0.3
-    lost = np.where(np.arange(WIDTH) < 40, np.nan, rough).astype(np.float32)
-    against = surface.against(lost, rough, GROUND)
-    assert against["against.lost"] > 0.3 and against["against.bias"] == 0
+
+
+def test_depth_is_told_from_ours_by_its_sign_and_from_the_devices_by_how_far_it_is():
+    rng = np.random.default_rng(7)
+    ours = DISPARITY + 0.1 * rng.standard_normal(DISPARITY.shape).astype(np.float32)
+    device = np.where(np.arange(WIDTH) < 60, np.nan, ours + 0.2).astype(np.float32)
+    assert rematched.against(device, ours, GROUND)["against.bias.all"] == pytest.approx(0.2)
+    assert rematched.against(ours, ours, GROUND)["against.bias.all"] == 0
+    alike = rematched.unlike(device, device, GROUND)
+    assert all(np.isnan(value) or value == 0 for value in alike.values())
+    base = rematched.unlike(ours, device, GROUND)
+    assert base["unlike.disparity.all"] == pytest.approx(0.2)
+    # Half of what the device loses comes nearer, as much elsewhere goes away from it.
+    half = np.where(np.arange(WIDTH) < 33, np.nan, ours).astype(np.float32)
+    elsewhere = np.where(np.arange(WIDTH) > WIDTH - 28, np.nan, ours).astype(np.float32)
+    nearer, farther = (rematched.unlike(one, device, GROUND) for one in (half, elsewhere))
+    assert nearer["unlike.holes.all"] < base["unlike.holes.all"] - 0.1
+    assert farther["unlike.holes.all"] > base["unlike.holes.all"] + 0.1
+    assert np.isnan(rematched.unlike(np.full_like(ours, np.nan), device, GROUND)[
+        "unlike.disparity.all"
+    ])  # fmt: skip
 
 
 def test_repeats_tell_noise_in_time_and_what_is_carried_on():

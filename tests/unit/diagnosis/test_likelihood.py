@@ -1,0 +1,32 @@
+"""How likely a gap is with what effects make of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from diagnosis.which.likelihood import LARGEST, Likelihood
+from diagnosis.which.made import Made
+
+_ROWS = (1, 5)
+_BEYOND = float(np.sqrt(LARGEST))
+
+
+def _gain(gap: float, change: float) -> float:
+    """Of one feature, gap and change in deviations."""
+    likelihood = Likelihood(np.full(_ROWS, gap), np.ones(_ROWS), np.eye(_ROWS[1])[0])
+    made = Made(np.full(_ROWS, change))
+    return float((likelihood.cost(likelihood.nothing) - likelihood.cost(made)).sum())
+
+
+@given(st.floats(1.5 * _BEYOND, 1e3), st.floats(-0.3, 0.2))
+def test_what_is_far_off_does_not_come_nearer_by_being_less_sure(gap: float, share: float):
+    """An effect that makes a feature 10 wrong by 2 of its own would gain on one that is 90 off."""
+    assert _gain(gap, share * gap) <= 0
+
+
+def test_what_explains_a_feature_gains_by_it_however_far_off_it_is():
+    assert _gain(90.0, 90.0) == pytest.approx(_gain(30.0, 30.0), abs=3)
+    assert _gain(90.0, 60.0) > 3
