@@ -11,16 +11,15 @@ from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.nominal import Nominal
 
 Kind = Literal["image", "post", "outside"]
-Scale = Literal["difference", "ratio", "inverse", "choice"]
+Scale = Literal["difference", "ratio", "choice"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Row:
     """One effect. A strength is the absolute value of the first parameter of the effect's page.
 
-    The departure of a value from its neutral is |value - neutral| for `difference`,
-    max(value / neutral, neutral / value) - 1 for `ratio`, and 1 / value for `inverse`, an effect
-    that does more the smaller its value is, and nothing at 0.
+    The departure of a value from its neutral is |value - neutral| for `difference` and
+    max(value / neutral, neutral / value) - 1 for `ratio`.
     """
 
     name: str
@@ -55,8 +54,6 @@ class Row:
         neutral = self.neutral_of(nominal)
         if self.scale == "ratio":
             return neutral * (1.0 + departure) ** sign
-        if self.scale == "inverse":
-            return 1.0 / departure if departure else 0.0
         return neutral + sign * departure
 
     def departure(self, nominal: Nominal, value: float) -> float:
@@ -67,8 +64,6 @@ class Row:
         """How far a strength is from that of a camera that has `neutral`, likewise."""
         if self.scale == "ratio":
             return max(value / neutral, neutral / value) - 1.0
-        if self.scale == "inverse":
-            return 1.0 / value if value else 0.0
         if self.scale == "choice":
             return float(value != neutral)
         return abs(value - neutral)
@@ -175,8 +170,6 @@ _POST = (
         low=0.0625, high=0.5),
     Row(name="pixel_locking", kind="post", unit="px", neutral=0,
         low=0.02, high=0.15, signs=_BOTH),
-    Row(name="edge_jump", kind="post", unit="px", neutral=0,
-        low=1 / 32, high=1, scale="inverse"),
     Row(name="speckle_filter", kind="post", unit="px", neutral=0,
         low=30, high=3000),
     Row(name="range", kind="post", unit="m", neutral=0, low=0.1, high=1),

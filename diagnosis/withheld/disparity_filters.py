@@ -27,7 +27,6 @@ def refine(disparity_px: Map, strengths: Strengths) -> Map:
     d = median(disparity_px, round(strengths.of("median")))
     d = lock(d, strengths.of("pixel_locking"))
     d = steps(d, strengths.of("subpixel_steps"))
-    d = clear_edges(d, strengths.of("edge_jump"))
     half_unit = 0.5 * nominal.depth_unit_m / nominal.focal_baseline_px_m
     count = round(strengths.of("speckle_filter"))
     return without_islands(d, count, _ISLAND_STEP_PX, half_unit_per_px=half_unit)
@@ -57,15 +56,6 @@ def steps(disparity_px: Map, step_px: float) -> Map:
     if step_px == 0.0:
         return disparity_px
     return np.floor(disparity_px / step_px + 0.5) * step_px
-
-
-def clear_edges(disparity_px: Map, largest_px: float) -> Map:
-    """Remove pixels whose 3x3 neighbours with depth span more than `largest_px`; 0 is off."""
-    if largest_px == 0.0:
-        return disparity_px
-    around = _around(disparity_px, 3).reshape(*disparity_px.shape, -1)
-    span = np.fmax.reduce(around, axis=-1) - np.fmin.reduce(around, axis=-1)
-    return np.where(span > largest_px, np.nan, disparity_px)
 
 
 def without_islands(

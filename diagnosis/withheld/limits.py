@@ -84,7 +84,7 @@ def _departure(row: Row, told: Any, sign: int) -> float:
     if not all(isinstance(number, int | float) for number in (told["base"], *known)):
         raise refusal(f"limit of {row.name}", "must be numbers", told, _ADVICE)
     base = float(told["base"])
-    side = told["below" if (sign < 0) != (row.scale == "inverse") else "above"]
+    side = told["below" if sign < 0 else "above"]
     least = float("inf") if side is None else row.apart(base, float(side))
     # No noise hides what acts on a map that is there: as weak as its page has it, and no weaker.
     return max(least, row.low) if row.kind == "post" else least

@@ -141,19 +141,6 @@ def test_choices_that_are_not_found_are_not_drawn(camera: Nominal) -> None:
     }
 
 
-def test_what_does_more_the_smaller_it_is_is_drawn_from_its_limit_down(camera: Nominal) -> None:
-    """At a limit of 8 px there are no wider jumps."""
-    row = ROWS["edge_jump"]
-    assert row.departure(camera, 8.0) == 1 / 8 and row.departure(camera, 0.0) == 0
-    limit = Limits(departures={("edge_jump", 1): 1 / 8}, choices={})
-    others = [row.name for row in ROWS.values() if row.name != "edge_jump"]
-    drawn = draw(
-        camera, {"single": 200}, limits=limit, kinds=("post",), leave_out=others, entropy=1
-    )
-    values = np.array([each.settings["edge_jump"] for each in drawn])
-    assert 1 <= values.min() < 1.2 and 7 < values.max() <= 8
-
-
 def test_other_kinds_of_effects_can_be_drawn(camera: Nominal) -> None:
     drawn = draw(camera, {"single": 60}, kinds=("post", "image"), entropy=1)
     assert {ROWS[name].kind for each in drawn for name in each.settings} == {"post", "image"}

@@ -30,7 +30,6 @@ def test_off_is_the_very_maps(camera: Nominal) -> None:
         ("median", 5),
         ("subpixel_steps", 0.5),
         ("pixel_locking", 0.1),
-        ("edge_jump", 0.05),
         ("speckle_filter", 60),
         ("range", 1.0),
         ("spatial_filter", 0.5),

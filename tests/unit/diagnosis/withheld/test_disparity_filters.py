@@ -25,7 +25,6 @@ def _map(seed: int = 0) -> np.ndarray:
         lambda d: filters.median(d, 0),
         lambda d: filters.lock(d, 0.0),
         lambda d: filters.steps(d, 0.0),
-        lambda d: filters.clear_edges(d, 0.0),
         lambda d: filters.without_islands(d, 0, 1.0),
     ],
 )
@@ -57,16 +56,6 @@ def test_steps() -> None:
     out = filters.steps(np.array([[1.1, 1.13, NAN]]), 0.25)
     assert out[0, :2].tolist() == [1.0, 1.25]
     assert np.isnan(out[0, 2])
-
-
-def test_edges_are_cleared_on_every_side() -> None:
-    d = np.full((12, 12), 5.0)
-    d[4:8, 4:8] = 9.0
-    d[0, 0] = NAN
-    out = filters.clear_edges(d, 2.0)
-    assert np.isnan(out[3, 5]) and np.isnan(out[4, 5])
-    assert out[2, 5] == 5.0 and out[5, 5] == 9.0
-    assert out[1, 1] == 5.0
 
 
 def test_islands_by_count() -> None:

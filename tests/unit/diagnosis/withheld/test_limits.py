@@ -19,7 +19,6 @@ def test_each_side_has_its_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "gamma": {"base": 1, "below": 0.9, "above": 1.3},
         "veil": {"base": 0, "below": None, "above": None},
         "sunlight": {"base": 0, "below": None, "above": 2},
-        "edge_jump": {"base": 1024, "below": 4, "above": None},
         # Its page begins at 0.02.
         "pixel_locking": {"base": 0, "below": -0.0005, "above": 0.0005},
     }
@@ -29,7 +28,6 @@ def test_each_side_has_its_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("gamma", 1): pytest.approx(0.3),
         ("gamma", -1): pytest.approx(1 / 9),
         ("veil", 1): float("inf"),
-        ("edge_jump", 1): 0.25,
         ("pixel_locking", 1): 0.02,
         ("pixel_locking", -1): 0.02,
     }
