@@ -14,7 +14,7 @@ from diagnosis.which.signature import Signature
 
 FREEDOM = 4.0  # Of Student's t: a feature that the simulator gets wrong must not decide alone.
 TAU = 0.2  # Share of its own size by which what effects make is taken to be wrong.
-LARGEST = 100.0  # Squared deviations of one feature that count: beyond, how many tells nothing.
+LARGEST = 100.0  # Squared deviations of one feature that count for a gap's size.
 _SEEN = 1.0  # Deviations, root sum of squares, below which a change tells of no likeness.
 
 
@@ -59,8 +59,9 @@ class Likelihood:
     def cost(self, made: Made) -> NDArray[np.float64]:
         """Negative logarithm of the likelihood for each scene.
 
-        What is farther off than counts does not come nearer by being less sure: an effect that
-        changes such a feature a little, either way, gained by what it may be wrong by.
+        By what an effect may be wrong by itself, what is farther off than counts for a gap's size
+        comes no nearer than that: else one that changes such a feature a little, either way, would
+        gain by being less sure of it.
 
         Args:
             made: what effects make.
@@ -69,7 +70,8 @@ class Likelihood:
             (..., scenes), up to a constant.
         """
         wide = 0.5 * np.log(self._variance(made) / self.deviation**2)
-        off = 0.5 * (FREEDOM + 1) * np.log1p(squares(self.beyond(made)) / FREEDOM)
+        far = np.log(np.maximum(self.left(made) ** 2 / LARGEST, 1.0))
+        off = 0.5 * (FREEDOM + 1) * (np.log1p(squares(self.beyond(made)) / FREEDOM) + far)
         return np.where(np.isfinite(self.gap), off + wide, 0.0) @ self.weight
 
     def _variance(self, made: Made) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import KDTree
 
-from diagnosis.withheld import psf, spread
+from diagnosis.withheld import spread
 from diagnosis.withheld.light import SIDES, Light, View
 
 _GROUND_PERCENTILE = 10.0  # Far enough from any dot; not the least, which grain takes too low.
@@ -126,17 +126,16 @@ def shifted(
     return _relight(view, even + laid)
 
 
-def widened(view: View, sigma_px: NDArray[np.float64], shape: psf.Shape) -> View:
+def widened(view: View, added: spread.Ellipse) -> View:
     """Widen the dots where they fall, shading and shadows staying sharp.
 
     Args:
         view: What an imager sees.
-        sigma_px: Root of the added variance (h, w) [px].
-        shape: Shape of the spot they are spread by.
+        added: What is added to a spot's own.
     """
-    if float(sigma_px.max()) == 0.0:
+    if float((added.xx + added.yy).max()) == 0.0:
         return view
-    return _relight(view, spread.scatter_within(pattern(view), sigma_px, shape, lit(view)))
+    return _relight(view, spread.ellipses_within(pattern(view), added, lit(view)))
 
 
 def doubled(view: View, share: float, shift_px: tuple[float, float]) -> View:

@@ -13,6 +13,7 @@ from diagnosis.withheld.catalogue import Strengths
 from diagnosis.withheld.dots import Dots
 from diagnosis.withheld.draws import Draws
 from diagnosis.withheld.light import View
+from diagnosis.withheld.spread import Ellipse
 
 _EDGE_RAD = math.radians(45.0)  # Half of the field's 90 degrees, where falloffs are matched.
 _SECOND_PATTERN_PX = (5.0, 1.5)  # Where a plate's second reflection falls.
@@ -42,23 +43,25 @@ def throw(view: View, strengths: Strengths, found: Dots, draws: Draws) -> View:
         draws.of_device("projector/shifted"),
     )
     view = dots.doubled(view, strengths.of("doubled_dots"), _SECOND_PATTERN_PX)
-    view = dots.widened(view, width_px(view, strengths), "core_and_halo")
+    view = dots.widened(view, added(view, strengths))
     return _dim(view, strengths, flicker(strengths.of("flicker"), draws))
 
 
-def width_px(view: View, strengths: Strengths) -> NDArray[np.float64]:
-    """Root of the variance that dot blur and defocus add to the dots (h, w) [px].
+def added(view: View, strengths: Strengths) -> Ellipse:
+    """Variances that dot blur and defocus add to the dots.
 
     Both add to a spot's own variance, which is the same all over the field in direction cosines. A
     cosine's small change c moves the tangent t of a ray by (1 + t^2)^(3/2) c along the field's
-    radius and by sqrt(1 + t^2) c across it; the mean of both variances is taken.
+    radius and by sqrt(1 + t^2) c across it.
     """
     focus_m = strengths.nominal.projector_focus_m
     out_of_focus = strengths.of("dot_defocus") * np.abs(1.0 / view.depth_m - 1.0 / focus_m)
     variance_mrad2 = strengths.of("dot_blur") ** 2 + out_of_focus**2
-    stretch = 1.0 + view.px**2 + view.py**2
-    variance_px2 = variance_mrad2 * (1e-3 * strengths.nominal.fx_px) ** 2
-    return np.nan_to_num(np.sqrt(variance_px2 * 0.5 * stretch * (stretch**2 + 1.0)))
+    x, y = np.nan_to_num(view.px), np.nan_to_num(view.py)
+    stretch = 1.0 + x**2 + y**2
+    across = np.nan_to_num(variance_mrad2 * (1e-3 * strengths.nominal.fx_px) ** 2 * stretch)
+    longer = across * (1.0 + stretch)
+    return Ellipse(xx=across + longer * x**2, yy=across + longer * y**2, xy=longer * x * y)
 
 
 def falloff(view: View, exponent: float) -> NDArray[np.float64]:

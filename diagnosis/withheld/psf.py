@@ -20,10 +20,11 @@ from scipy.optimize import brentq
 from scipy.special import erf
 
 Shape = Literal["gaussian", "disc", "core_and_halo", "exponential"]
+Step = tuple[int, int]  # Rows and columns from one pixel of a line to the next.
 Kernel = NDArray[np.float64]
 
-_CORE_SHARE = 0.8  # Of a spot's light; the rest is a halo.
-_HALO_RATIO = 2.5  # Width of the halo over the core's.
+CORE_SHARE = 0.8  # Of a spot's light; the rest is a halo.
+HALO_RATIO = 2.5  # Width of the halo over the core's.
 _LEAST_PX = 1e-3  # Narrower spots move less than a millionth of the light.
 
 
@@ -43,14 +44,36 @@ def kernel(shape: Shape, sigma_px: float) -> Kernel:
     if sigma_px < _LEAST_PX:
         return _frozen(np.ones((1, 1)))
     radius = math.ceil(_REACH[shape] * sigma_px) + 1
-    build = _SHAPES[shape]
+    return _frozen(_of_variance(sigma_px, lambda width: _SHAPES[shape](width, radius)))
 
-    def excess(width: float) -> float:
-        return variance(build(width, radius)) - sigma_px**2
 
-    width = brentq(excess, 1e-9, 4.0 * sigma_px + 1.0, xtol=1e-12)
+@lru_cache(maxsize=256)
+def line(sigma: float, step: Step) -> Kernel:
+    """Make a Gaussian along a line of pixels, of unit sum.
+
+    Args:
+        sigma: Root of its variance [steps].
+        step: From one pixel to the next.
+
+    Returns:
+        Kernel of odd sides, read-only; its discrete variance along the line is sigma^2 steps^2.
+    """
+    if sigma < _LEAST_PX:
+        return _frozen(np.ones((1, 1)))
+    radius = math.ceil(_REACH["gaussian"] * sigma) + 1
+    weights = _of_variance(sigma, lambda width: _gaussian_line(width, radius)[None])[0]
+    down, right = step
+    spot = np.zeros((2 * radius * abs(down) + 1, 2 * radius * abs(right) + 1))
+    place = np.arange(-radius, radius + 1)
+    spot[radius * abs(down) + place * down, radius * abs(right) + place * right] = weights
+    return _frozen(spot)
+
+
+def _of_variance(sigma: float, build: Callable[[float], Kernel]) -> Kernel:
+    """A kernel as wide as its variance asks."""
+    width = brentq(lambda width: variance(build(width)) - sigma**2, 1e-9, 4 * sigma + 1, xtol=1e-12)
     assert isinstance(width, float)
-    return _frozen(build(width, radius))
+    return build(width)
 
 
 def variance(spot: Kernel) -> float:
@@ -86,8 +109,8 @@ def _disc(width: float, radius: int) -> Kernel:
 
 def _core_and_halo(width: float, radius: int) -> Kernel:
     core = _gaussian(width, radius)
-    halo = _gaussian(_HALO_RATIO * width, radius)
-    return _CORE_SHARE * core + (1.0 - _CORE_SHARE) * halo
+    halo = _gaussian(HALO_RATIO * width, radius)
+    return CORE_SHARE * core + (1.0 - CORE_SHARE) * halo
 
 
 def _exponential(width: float, radius: int) -> Kernel:

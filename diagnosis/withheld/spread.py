@@ -2,12 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.withheld import psf
 
 _LEVELS = 6  # Widths between the narrowest and the widest spot.
+Image = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Ellipse:
+    """Variances and covariance that spots have in each pixel, (h, w) [px^2]."""
+
+    xx: Image
+    yy: Image
+    xy: Image
+
+    def __getitem__(self, box: tuple[slice, slice]) -> Ellipse:
+        return Ellipse(xx=self.xx[box], yy=self.yy[box], xy=self.xy[box])
+
+    def times(self, factor: float) -> Ellipse:
+        """The same spots, larger: variances by a factor."""
+        return Ellipse(xx=factor * self.xx, yy=factor * self.yy, xy=factor * self.xy)
 
 
 def scatter(
@@ -26,17 +46,51 @@ def scatter(
     Returns:
         Light (h, w); the very image given where nothing is spread.
     """
-    narrowest, widest = float(sigma_px.min()), float(sigma_px.max())
-    if widest == 0.0:
-        return image
-    if widest - narrowest < 1e-6 * widest:
-        return psf.blur(image, psf.kernel(shape, widest))
+    return _mixed(image, sigma_px, lambda width: psf.kernel(shape, width))
+
+
+def scatter_ellipses(image: Image, spots: Ellipse) -> Image:
+    """Spread the light of every pixel by a bright core and a halo, both longer one way.
+
+    A covariance is the sum of variances along rows, columns and a diagonal, each of which a line of
+    pixels has exactly; the first two are not below 0 where spots are less than 2.4 times as long as
+    wide.
+
+    Args:
+        image: Light (h, w).
+        spots: Of every pixel.
+    """
+    core = 1.0 / (psf.CORE_SHARE + (1.0 - psf.CORE_SHARE) * psf.HALO_RATIO**2)
+    halo = core * psf.HALO_RATIO**2
+    return psf.CORE_SHARE * _gaussians(image, spots.times(core)) + (
+        1.0 - psf.CORE_SHARE
+    ) * _gaussians(image, spots.times(halo))
+
+
+def _gaussians(image: Image, spots: Ellipse) -> Image:
+    diagonal = np.abs(spots.xy)
+    lines: dict[psf.Step, Image] = {
+        (0, 1): spots.xx - diagonal,
+        (1, 0): spots.yy - diagonal,
+        (1, 1): spots.xy,
+        (1, -1): -spots.xy,
+    }
+    for step, variance in lines.items():
+        sigma = np.sqrt(np.maximum(variance, 0.0))
+        image = _mixed(image, sigma, lambda width, step=step: psf.line(width, step))
+    return image
+
+
+def _mixed(image: Image, sigma: Image, spot: Callable[[float], psf.Kernel]) -> Image:
+    narrowest, widest = float(sigma.min()), float(sigma.max())
+    if widest - narrowest <= 1e-6 * widest:
+        return psf.blur(image, spot(widest))
     widths = np.linspace(narrowest, widest, _LEVELS)
-    place = np.interp(sigma_px**2, widths**2, np.arange(_LEVELS))
+    place = np.interp(sigma**2, widths**2, np.arange(_LEVELS))
     out = np.zeros_like(image)
     for level, width in enumerate(widths):
         share = np.clip(1.0 - np.abs(place - level), 0.0, None)
-        out += psf.blur(image * share, psf.kernel(shape, float(width)))
+        out += psf.blur(image * share, spot(float(width)))
     return out
 
 
@@ -59,12 +113,30 @@ def scatter_within(
     """
     if not inside.any() or float(sigma_px[inside].max()) == 0.0:
         return image
-    rows, columns = np.nonzero(inside)
-    box = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
-    weight = inside[box].astype(np.float64)
+    box = _box(inside)
     width = np.where(inside[box], sigma_px[box], sigma_px[inside].min())
-    spread = scatter(image[box] * weight, width, shape)
-    even = scatter(weight, width, shape)
+    return _kept_within(image, inside, lambda light: scatter(light, width, shape))
+
+
+def ellipses_within(image: Image, spots: Ellipse, inside: NDArray[np.bool_]) -> Image:
+    """Spread as `scatter_ellipses`, likewise within a region alone (see `scatter_within`)."""
+    if not inside.any() or float((spots.xx + spots.yy)[inside].max()) == 0.0:
+        return image
+    cut = spots[_box(inside)]
+    return _kept_within(image, inside, lambda light: scatter_ellipses(light, cut))
+
+
+def _box(inside: NDArray[np.bool_]) -> tuple[slice, slice]:
+    rows, columns = np.nonzero(inside)
+    return np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+
+
+def _kept_within(
+    image: Image, inside: NDArray[np.bool_], spread: Callable[[Image], Image]
+) -> Image:
+    box = _box(inside)
+    weight = inside[box].astype(np.float64)
+    found, even = spread(image[box] * weight), spread(weight)
     out = np.zeros_like(image)
-    out[box] = np.where(inside[box], spread / np.maximum(even, 1e-9), 0.0)
+    out[box] = np.where(inside[box], found / np.maximum(even, 1e-9), 0.0)
     return out

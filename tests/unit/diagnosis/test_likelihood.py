@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis.which.likelihood import LARGEST, Likelihood
+from diagnosis.which.likelihood import FREEDOM, LARGEST, Likelihood
 from diagnosis.which.made import Made
 
 _ROWS = (1, 5)
@@ -21,12 +20,17 @@ def _gain(gap: float, change: float) -> float:
     return float((likelihood.cost(likelihood.nothing) - likelihood.cost(made)).sum())
 
 
-@given(st.floats(1.5 * _BEYOND, 1e3), st.floats(-0.3, 0.2))
-def test_what_is_far_off_does_not_come_nearer_by_being_less_sure(gap: float, share: float):
+@given(st.floats(0, 1e3), st.floats(-3, 0))
+def test_what_goes_the_wrong_way_never_gains_by_being_less_sure(gap: float, share: float):
     """An effect that makes a feature 10 wrong by 2 of its own would gain on one that is 90 off."""
-    assert _gain(gap, share * gap) <= 0
+    assert _gain(gap, share * gap) <= 1e-9
+
+
+@given(st.floats(2 * _BEYOND, 1e3), st.floats(0, 0.3))
+def test_what_stays_far_off_gains_by_how_far_it_is_brought_alone(gap: float, share: float):
+    brought = (FREEDOM + 1) * np.log(gap / (gap - share * gap))
+    assert _gain(gap, share * gap) <= brought + 1e-9
 
 
 def test_what_explains_a_feature_gains_by_it_however_far_off_it_is():
-    assert _gain(90.0, 90.0) == pytest.approx(_gain(30.0, 30.0), abs=3)
-    assert _gain(90.0, 60.0) > 3
+    assert _gain(90.0, 90.0) > _gain(30.0, 30.0) > _gain(30.0, 20.0) > 3

@@ -21,6 +21,17 @@ def test_second_moment_is_the_pages(shape: psf.Shape, sigma_px: float) -> None:
     assert psf.variance(spot.T) == pytest.approx(sigma_px**2, rel=1e-6)
 
 
+@pytest.mark.parametrize("step", [(0, 1), (1, 0), (1, 1), (1, -1)])
+@given(sigma=st.floats(0.05, 4.0))
+def test_a_line_has_its_variance_along_its_pixels_alone(step: psf.Step, sigma: float) -> None:
+    spot = psf.line(sigma, step)
+    down, right = (np.arange(size) - size // 2 for size in spot.shape)
+    assert spot.sum() == pytest.approx(1.0)
+    covariance = [(spot * np.outer(*each)).sum() for each in ((down**2, right**0), (down, right))]
+    assert covariance[0] == pytest.approx(step[0] ** 2 * sigma**2, rel=1e-6)
+    assert covariance[1] == pytest.approx(step[0] * step[1] * sigma**2, rel=1e-6)
+
+
 def test_shapes_differ() -> None:
     """Equal variance does not make them one formula: their middles differ."""
     middles = [psf.kernel(shape, 1.0).max() for shape in SHAPES]
@@ -34,6 +45,9 @@ def test_no_width_is_no_blur() -> None:
     inside = np.ones(image.shape, bool)
     assert spread.scatter_within(image, np.zeros(image.shape), "disc", inside) is image
     assert spread.scatter_within(image, np.ones(image.shape), "disc", ~inside) is image
+    nothing, some = (spread.Ellipse(xx=of, yy=of, xy=0 * of) for of in (0 * image, image))
+    assert spread.ellipses_within(image, nothing, inside) is image
+    assert spread.ellipses_within(image, some, ~inside) is image
 
 
 @given(sigma_px=st.floats(0.1, 2.0))
@@ -47,6 +61,24 @@ def test_width_that_differs_is_exact_for_every_point(sigma_px: float) -> None:
     assert out.sum() == pytest.approx(1.0)
     offset = np.arange(41) - 20
     assert (out.sum(0) * offset**2).sum() == pytest.approx(sigma_px**2, rel=1e-4)
+
+
+@given(
+    angle=st.floats(0, np.pi), across=st.floats(0.05, 2.0), stretch=st.floats(1.0, 2.4)
+)  # fmt: skip
+def test_ellipses_have_their_covariance(angle: float, across: float, stretch: float) -> None:
+    """And a heavier tail than a Gaussian's."""
+    way = np.array([np.cos(angle), np.sin(angle)])
+    wanted = across * (np.eye(2) + (stretch**2 - 1) * np.outer(way, way))
+    even = np.ones((61, 61))
+    spots = spread.Ellipse(xx=wanted[0, 0] * even, yy=wanted[1, 1] * even, xy=wanted[0, 1] * even)
+    point = np.zeros((61, 61))
+    point[30, 30] = 1.0
+    out = spread.scatter_ellipses(point, spots)
+    y, x = np.indices(out.shape) - 30
+    found = [(out * each).sum() for each in (x * x, y * y, x * y)]
+    np.testing.assert_allclose(found, [wanted[0, 0], wanted[1, 1], wanted[0, 1]], atol=2e-3)
+    assert (out * x**4).sum() > 3.2 * wanted[0, 0] ** 2
 
 
 def test_spread_within_a_body_keeps_what_is_even() -> None:
