@@ -22,8 +22,6 @@ from diagnosis.which.trial import Trial
 from sim import progress
 from sim.effects.effect import Value
 
-CLOSER = 12  # Candidates that are simulated at more strengths.
-_WORTH_IT = 0.25  # Of the threshold, that one has to gain alone.
 # Size of what is left (`Likelihood.size`) above which something else is at work: what seeds alone
 # make and this much, no more than the second or what seeds make; and a share of what there was, as
 # no effect is simulated as it truly is.
@@ -178,7 +176,7 @@ def diagnosed(bench: Bench, screen: Screen) -> Found:
     alone = sorted(
         (fit(one, likelihood, screen.folds) for one in screen.rough), key=lambda one: -one.total
     )
-    closer = [one for one in alone[:CLOSER] if one.total > _WORTH_IT * screen.threshold]
+    closer = search.worth(alone, screen.threshold)
     before = likelihood.size(likelihood.nothing)
     most = max(screen.noise, min(screen.noise + BEYOND_NOISE, UNEXPLAINED))
     explained = most + OF_BEFORE[bench.arm] * before

@@ -10,6 +10,7 @@ import numpy as np
 
 from diagnosis.rooms import draws
 from diagnosis.which.bench import Table
+from diagnosis.which.candidates import Candidate
 from diagnosis.which.fit import Fit, held_out, places
 from diagnosis.which.made import Made, stacked
 from diagnosis.which.model import ROUNDS, Model, simulated
@@ -19,6 +20,8 @@ from diagnosis.which.trial import Trial
 from sim.effects.effect import Stage, Value
 
 MOST = 4  # Effects in one verdict.
+_CLOSER = 12  # Candidates that are simulated at more strengths,
+_WORTH_IT = 0.25  # if they gain this share of the threshold.
 _PAIRED = 8  # Candidates among which pairs are tried.
 _COARSE = 4  # Places between nodes where pairs are tried.
 _BEGUN = 3  # Of the best, that are simulated until one is better.
@@ -66,7 +69,9 @@ def search(trial: Trial, closer: Sequence[Fit], alone: Sequence[Fit]) -> Search:
     """
     likelihood = trial.likelihood
     first = sharper([one.signature for one in closer], trial, likelihood.nothing)
-    signatures = [one.signature for one in first]
+    known = {one.name for one in first}
+    rest = [one for one in alone if one.name not in known]
+    signatures = [one.signature for one in (*first, *rest)]
     model = _grown(_begun(first, trial, alone), trial, signatures)
     if not trial.explained(model.made()):
         other = _exchanged(model, trial, signatures)
@@ -86,6 +91,17 @@ def search(trial: Trial, closer: Sequence[Fit], alone: Sequence[Fit]) -> Search:
         left=likelihood.left(model.made()),
         beyond=likelihood.beyond(model.made()),
     )
+
+
+def worth(fits: Iterable[Fit], threshold: float) -> list[Fit]:
+    """Candidates worth a closer look, the best first.
+
+    Args:
+        fits: of all.
+        threshold: least gain of an effect.
+    """
+    best = sorted(fits, key=lambda one: -one.total)[:_CLOSER]
+    return [one for one in best if one.total > _WORTH_IT * threshold]
 
 
 def _begun(first: Sequence[Fit], trial: Trial, every: Sequence[Fit]) -> Model:
@@ -166,14 +182,31 @@ def _grown(model: Model, trial: Trial, signatures: Sequence[Signature]) -> Model
 
 
 def _wider(model: Model, trial: Trial, signatures: Sequence[Signature]) -> Model | None:
-    """Add the effect that gains most, if it gains enough; else the next."""
-    for best in sharper(model.others(signatures), trial, model.made()):
-        if best.total < trial.threshold:
-            break
-        wider = _better(model.wider(best), model, trial)
-        if wider is not None:
-            return wider
-    return None
+    """Add the effect that gains most, if it gains enough; else the next.
+
+    Alone the best are what looks like one that is strong: beside it, it is others. Where none is
+    enough and much is left, the best alone are simulated beside it all the same: what two make
+    together may be far from their sum, as depth cut off where holes are filled.
+    """
+    given, others = model.made(), model.others(signatures)
+    beside = worth((trial.fit(one, given=given) for one in others), trial.threshold)
+    likely = sharper([one.signature for one in beside], trial, given)
+    enough = (one for one in likely if one.total >= trial.threshold)
+    wider = _first(_better(model.wider(one), model, trial) for one in enough)
+    if wider is not None or trial.explained(given):
+        return wider
+    alone = worth((trial.fit(one) for one in others), trial.threshold)[:_BEGUN]
+    apart = (one.signature.candidate for one in alone if one.total >= trial.threshold)
+    return _first(_joined(one, model, trial) for one in apart)
+
+
+def _joined(candidate: Candidate, model: Model, trial: Trial) -> Model | None:
+    """Add an effect as it is simulated beside the others, if it gains enough."""
+    beside = signature(candidate, trial.bench, coarse(candidate), given=model.settings)
+    if beside is None:
+        return None
+    (best,) = sharper([beside], trial, model.made())
+    return _better(model.wider(best), model, trial) if best.total >= trial.threshold else None
 
 
 def _better(other: Model, model: Model, trial: Trial) -> Model | None:
@@ -214,14 +247,8 @@ def _completed(model: Model, trial: Trial, alone: Sequence[Fit]) -> Model:
     idle = [one.signature.candidate for one in alone if not one.signature.change.any()]
     accepted = {term.candidate.effect.name for term in model.terms}
     for candidate in (one for one in idle if one.effect.name in accepted):
-        if candidate.name in model.settings:
-            continue
-        beside = signature(candidate, trial.bench, coarse(candidate), given=model.settings)
-        if beside is None:
-            continue
-        (best,) = sharper([beside], trial, model.made())
-        if best.total >= trial.threshold:
-            model = _better(model.wider(best), model, trial) or model
+        if candidate.name not in model.settings:
+            model = _joined(candidate, model, trial) or model
     return model
 
 
@@ -301,10 +328,13 @@ def _in_place(
     simulated closer.
     """
     own, over = _own(number, model, trial)
-    given, rest = model.made(without=number), model.others(signatures)
-    if trial.explained(model.made()):
-        return own, sharper(rest, trial, given, over=over, gained=own.total)
-    return own, [trial.fit(one, given=given, over=over) for one in rest]
+    given = model.made(without=number)
+    others = (trial.fit(one, given=given, over=over) for one in model.others(signatures))
+    rest = worth(others, trial.threshold)
+    if not trial.explained(model.made()):
+        return own, rest
+    signatures = [one.signature for one in rest]
+    return own, sharper(signatures, trial, given, over=over, gained=own.total)
 
 
 def _accepted(number: int, model: Model, trial: Trial, signatures: Sequence[Signature]) -> Accepted:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from diagnosis.which.candidates import Candidate
+from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import Fit
 from diagnosis.which.made import Made
 from diagnosis.which.signature import Signature, with_node
@@ -31,7 +31,8 @@ def coarse(candidate: Candidate) -> list[Value]:
     a strong one to each side.
 
     A strong one alone would do for effects that grow in proportion; but few do. Of ranges that end
-    far beyond it, as those of dark current, the end is tried as well. Where each has to
+    far beyond it, as those of dark current, the end is tried as well, and of all filters behind a
+    matcher: a limit of depth tells nothing of those beyond it. Where each has to
     be rendered, or pairs searched anew, which takes most of the time, it is one in the middle, of
     whole numbers too, but for ranges so wide that the middle tells nothing of their beginning.
     """
@@ -41,7 +42,8 @@ def coarse(candidate: Candidate) -> list[Value]:
     base = float(candidate.base)
     below = [node for node in candidate.nodes if float(node) < base][::-1]
     above = [node for node in candidate.nodes if float(node) > base]
-    found = [side[at] for side in (below, above) for at in _tried(side, base, slow=slow)]
+    end = candidate.arm is Arm.DEPTH
+    found = [side[at] for side in (below, above) for at in _tried(side, base, slow=slow, end=end)]
     return sorted(found, key=float)
 
 
@@ -53,8 +55,10 @@ def _searches(candidate: Candidate) -> bool:
     return not all(path.startswith(_AFTER_SEARCH) for path in paths)
 
 
-def _tried(side: Sequence[Value], base: float, *, slow: bool) -> list[int]:
-    """Which of the nodes to one side, from weak to strong, are tried."""
+def _tried(side: Sequence[Value], base: float, *, slow: bool, end: bool) -> list[int]:
+    """Which of the nodes to one side, from weak to strong, are tried; `end`: the last in any case,
+    if that is not slow.
+    """
     count = len(side)
     if not count:
         return []
@@ -64,8 +68,8 @@ def _tried(side: Sequence[Value], base: float, *, slow: bool) -> list[int]:
     if slow:
         return [count // 2]
     strong = count - 1 - count // 4
-    beyond = [count - 1] if departures[-1] > _BEYOND * departures[strong] else []
-    return sorted({count // 3, strong, *beyond})
+    end = end or departures[-1] > _BEYOND * departures[strong]
+    return sorted({count // 3, strong, count - 1} if end else {count // 3, strong})
 
 
 def sharper(

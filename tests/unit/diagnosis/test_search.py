@@ -12,12 +12,14 @@ from diagnosis.which.fit import fit
 from diagnosis.which.made import Made
 from diagnosis.which.model import Model, simulated
 from diagnosis.which.signature import Signature
+from sim import effects
 from tests.unit.diagnosis.made_gaps import (
     BASE,
     FEATURES,
     HELD,
     IDLE,
     MADE,
+    NAMES,
     ONES,
     SHINES,
     SHINING,
@@ -109,6 +111,56 @@ def test_where_a_second_projector_stands_is_asked_before_two_effects_that_make_u
     assert closer[0].name == SHINES.name and search._pairs(closer, asked)
     found = search.search(asked, closer, [*closer, fit(IDLE, likelihood, HELD)])
     assert found.settings == pytest.approx(truth, rel=0.15)
+
+
+def test_what_gains_beside_a_strong_effect_alone_is_found():
+    """Alone a dozen that look like the strong one gain more than it."""
+    names = [one.name for one in effects.table() if one.name not in NAMES][:14]
+    strong, weak = MADE["lens_blur"], MADE["read_noise"]
+    rng = np.random.default_rng(4)
+    made = {"lens_blur": strong, "read_noise": weak}
+    for name in names:
+        bent = strong.change * (1 + 0.3 * rng.standard_normal(FEATURES))
+        made[name] = Signature(candidate(name), VALUES, bent)
+    bench, truth = FakeBench(made), {"lens_blur": 1.0, "read_noise": 0.05}
+    likelihood = likelihood_of(truth, 9, bench=bench)
+    asked = trial(bench, likelihood)
+    alone = sorted((asked.fit(one) for one in made.values()), key=lambda one: -one.total)
+    closer = search.worth(alone, asked.threshold)
+    assert "read_noise" not in {one.name for one in closer}
+    assert set(search.search(asked, closer, alone).settings) == set(truth)
+
+
+class Filling(FakeBench):
+    """Two effects of which one does the opposite beside the other."""
+
+    def change(self, settings: dict[str, Any]) -> np.ndarray | None:
+        table = super().change(settings)
+        if table is None or not {"lens_blur", "read_noise"} <= settings.keys():
+            return table
+        alone = super().change({"read_noise": settings["read_noise"]})
+        assert alone is not None
+        return table - 2 * alone
+
+
+def test_what_two_effects_make_together_may_be_far_from_their_sum():
+    """As depth that is cut off, where holes are filled."""
+    shared = np.arange(FEATURES) < FEATURES // 2
+    common, own = MADE["lens_blur"].change, MADE["veil"].change
+    made = {
+        "lens_blur": Signature(
+            candidate("lens_blur"), VALUES, np.where(shared, 2.5 * common, 2.5 * own)
+        ),
+        "read_noise": Signature(candidate("read_noise"), VALUES, np.where(shared, common, 0.0)),
+    }
+    bench, truth = Filling(made), {"lens_blur": 1.0, "read_noise": 1.0}
+    likelihood = likelihood_of(truth, 9, bench=bench)
+    asked = trial(bench, likelihood)
+    alone = sorted((asked.fit(one) for one in made.values()), key=lambda one: -one.total)
+    strong = Model((made["lens_blur"],), (3.0,), likelihood.nothing).made()
+    assert asked.fit(made["read_noise"], given=strong).total < asked.threshold
+    found = search.search(asked, alone, alone)
+    assert found.settings == pytest.approx(truth, rel=0.1)
 
 
 def test_what_does_not_gain_enough_beside_the_others_is_left_out():

@@ -136,6 +136,11 @@ def test_first_tries_are_weak_and_strong_ones_to_each_side():
         nodes=("left", "nearest"),
     )
     assert strengths.coarse(words) == ["left", "nearest"]
+    limits = dataclasses.replace(
+        words, name="range", effect=effects.named("range"), base=0.0, nodes=(0.1, 0.3, 0.6, 1.0)
+    )
+    assert strengths.coarse(limits) == [0.3, 0.6, 1.0]  # Of filters the end is tried as well.
+    assert strengths.coarse(dataclasses.replace(limits, arm=Arm.WHOLE)) == [0.3, 0.6]
 
 
 @pytest.mark.parametrize(
