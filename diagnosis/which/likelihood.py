@@ -69,9 +69,11 @@ class Likelihood:
         Returns:
             (..., scenes), up to a constant.
         """
-        wide = 0.5 * np.log(self._variance(made) / self.deviation**2)
-        far = np.log(np.maximum(self.left(made) ** 2 / LARGEST, 1.0))
-        off = 0.5 * (FREEDOM + 1) * (np.log1p(squares(self.beyond(made)) / FREEDOM) + far)
+        variance, left = self._variance(made), self.gap - made.change
+        wide = 0.5 * np.log(variance / self.deviation**2)
+        near = np.log1p(squares(left / np.sqrt(variance)) / FREEDOM)
+        far = np.log(np.maximum((left / self.deviation) ** 2 / LARGEST, 1.0))
+        off = 0.5 * (FREEDOM + 1) * (near + far)
         return np.where(np.isfinite(self.gap), off + wide, 0.0) @ self.weight
 
     def _variance(self, made: Made) -> NDArray[np.float64]:

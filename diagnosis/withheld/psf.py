@@ -19,12 +19,10 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import erf
 
-Shape = Literal["gaussian", "disc", "core_and_halo", "exponential"]
+Shape = Literal["gaussian", "disc", "exponential"]
 Step = tuple[int, int]  # Rows and columns from one pixel of a line to the next.
 Kernel = NDArray[np.float64]
 
-CORE_SHARE = 0.8  # Of a spot's light; the rest is a halo.
-HALO_RATIO = 2.5  # Width of the halo over the core's.
 _LEAST_PX = 1e-3  # Narrower spots move less than a millionth of the light.
 
 
@@ -34,8 +32,8 @@ def kernel(shape: Shape, sigma_px: float) -> Kernel:
 
     Args:
         shape: `gaussian`, the integral of one over the pixels; `disc`, a defocused round aperture;
-            `core_and_halo`, two Gaussians as of a scratched or dirty lens; `exponential`, what
-            diffuses in a turbid body (Jensen et al. 2001, eq. 4, far from the source).
+            `exponential`, what diffuses in a turbid body (Jensen et al. 2001, eq. 4, far from the
+            source).
         sigma_px: Root of the variance along each axis [px].
 
     Returns:
@@ -107,12 +105,6 @@ def _disc(width: float, radius: int) -> Kernel:
     return covered / covered.sum()
 
 
-def _core_and_halo(width: float, radius: int) -> Kernel:
-    core = _gaussian(width, radius)
-    halo = _gaussian(HALO_RATIO * width, radius)
-    return CORE_SHARE * core + (1.0 - CORE_SHARE) * halo
-
-
 def _exponential(width: float, radius: int) -> Kernel:
     spread = np.exp(-_distance(radius) / width)
     return spread / spread.sum()
@@ -131,13 +123,11 @@ def _frozen(spot: Kernel) -> Kernel:
 _SHAPES: dict[Shape, Callable[[float, int], Kernel]] = {
     "gaussian": _gaussian,
     "disc": _disc,
-    "core_and_halo": _core_and_halo,
     "exponential": _exponential,
 }
 # Where the kernel is cut, in standard deviations.
 _REACH: dict[Shape, float] = {
     "gaussian": 4.5,
     "disc": 2.2,
-    "core_and_halo": 6.0,
     "exponential": 5.0,
 }

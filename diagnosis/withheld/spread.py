@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from diagnosis.withheld import psf
 
 _LEVELS = 6  # Widths between the narrowest and the widest spot.
+_CORE_SHARE = 0.8  # Of a dot's added spot; the rest is a halo, as of a scratched or dirty lens.
+_HALO_RATIO = 2.5  # Width of the halo over the core's.
 Image = NDArray[np.float64]
+Box = tuple[slice, slice]  # Rows and columns.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -22,7 +25,7 @@ class Ellipse:
     yy: Image
     xy: Image
 
-    def __getitem__(self, box: tuple[slice, slice]) -> Ellipse:
+    def __getitem__(self, box: Box) -> Ellipse:
         return Ellipse(xx=self.xx[box], yy=self.yy[box], xy=self.xy[box])
 
     def times(self, factor: float) -> Ellipse:
@@ -60,11 +63,11 @@ def scatter_ellipses(image: Image, spots: Ellipse) -> Image:
         image: Light (h, w).
         spots: Of every pixel.
     """
-    core = 1.0 / (psf.CORE_SHARE + (1.0 - psf.CORE_SHARE) * psf.HALO_RATIO**2)
-    halo = core * psf.HALO_RATIO**2
-    return psf.CORE_SHARE * _gaussians(image, spots.times(core)) + (
-        1.0 - psf.CORE_SHARE
-    ) * _gaussians(image, spots.times(halo))
+    rest = 1.0 - _CORE_SHARE
+    narrower = 1.0 / (_CORE_SHARE + rest * _HALO_RATIO**2)
+    core = _gaussians(image, spots.times(narrower))
+    halo = _gaussians(image, spots.times(narrower * _HALO_RATIO**2))
+    return _CORE_SHARE * core + rest * halo
 
 
 def _gaussians(image: Image, spots: Ellipse) -> Image:
@@ -115,26 +118,26 @@ def scatter_within(
         return image
     box = _box(inside)
     width = np.where(inside[box], sigma_px[box], sigma_px[inside].min())
-    return _kept_within(image, inside, lambda light: scatter(light, width, shape))
+    return _kept_within(image, inside, box, lambda light: scatter(light, width, shape))
 
 
 def ellipses_within(image: Image, spots: Ellipse, inside: NDArray[np.bool_]) -> Image:
     """Spread as `scatter_ellipses`, likewise within a region alone (see `scatter_within`)."""
     if not inside.any() or float((spots.xx + spots.yy)[inside].max()) == 0.0:
         return image
-    cut = spots[_box(inside)]
-    return _kept_within(image, inside, lambda light: scatter_ellipses(light, cut))
+    box = _box(inside)
+    cut = spots[box]
+    return _kept_within(image, inside, box, lambda light: scatter_ellipses(light, cut))
 
 
-def _box(inside: NDArray[np.bool_]) -> tuple[slice, slice]:
+def _box(inside: NDArray[np.bool_]) -> Box:
     rows, columns = np.nonzero(inside)
     return np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
 
 
 def _kept_within(
-    image: Image, inside: NDArray[np.bool_], spread: Callable[[Image], Image]
+    image: Image, inside: NDArray[np.bool_], box: Box, spread: Callable[[Image], Image]
 ) -> Image:
-    box = _box(inside)
     weight = inside[box].astype(np.float64)
     found, even = spread(image[box] * weight), spread(weight)
     out = np.zeros_like(image)

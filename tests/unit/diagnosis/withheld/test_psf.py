@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from diagnosis.withheld import psf, spread
 
-SHAPES: tuple[psf.Shape, ...] = ("gaussian", "disc", "core_and_halo", "exponential")
+SHAPES: tuple[psf.Shape, ...] = ("gaussian", "disc", "exponential")
 
 
 @pytest.mark.parametrize("shape", SHAPES)
