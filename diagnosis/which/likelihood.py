@@ -59,9 +59,9 @@ class Likelihood:
     def cost(self, made: Made) -> NDArray[np.float64]:
         """Negative logarithm of the likelihood for each scene.
 
-        By what an effect may be wrong by itself, what is farther off than counts for a gap's size
-        comes no nearer than that: else one that changes such a feature a little, either way, would
-        gain by being less sure of it.
+        Beyond what counts for a gap's size a distance is told without what an effect may be wrong
+        by itself: else one that changes such a feature a little, either way, would gain by being
+        less sure of it.
 
         Args:
             made: what effects make.

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis.which.likelihood import FREEDOM, LARGEST, Likelihood
+from diagnosis.which.likelihood import FREEDOM, LARGEST, TAU, Likelihood
 from diagnosis.which.made import Made
 
 _ROWS = (1, 5)
@@ -26,9 +26,11 @@ def test_what_goes_the_wrong_way_never_gains_by_being_less_sure(gap: float, shar
     assert _gain(gap, share * gap) <= 1e-9
 
 
-@given(st.floats(2 * _BEYOND, 1e3), st.floats(0, 0.3))
+@given(st.floats(3 * _BEYOND, 1e3), st.floats(0, 0.3))
 def test_what_stays_far_off_gains_by_how_far_it_is_brought_alone(gap: float, share: float):
-    brought = (FREEDOM + 1) * np.log(gap / (gap - share * gap))
+    left, unsure = gap - share * gap, np.hypot(1.0, TAU * share * gap)
+    assert left / unsure > _BEYOND  # Far off also by what the effect may be wrong by itself.
+    brought = (FREEDOM + 1) * np.log(gap / left)
     assert _gain(gap, share * gap) <= brought + 1e-9
 
 
