@@ -21,11 +21,8 @@ captured image loses that.
 Where a curve alone makes the one with the effect of the one without, that comes first: a filter
 would take its mean slope for its own, and levels of a captured image may lie beyond the simulated.
 
-Codes are rounded after all that is done to them. That noise is what it was before: so simulated
-images are taken without it. Images are not rounded once more, which would add as much again: what
-a filter takes of that noise is put back, as the rounding of what is laid on. A matcher, which takes
-even places for even, sees whole codes: of what is laid onto the captured one's levels, as far as
-these are known.
+All this is done to levels that the captured image may have been rounded from, which are rounded
+anew, without an effect too: what levels have that the captured image has not is in both.
 """
 
 from __future__ import annotations
@@ -41,7 +38,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.fft import fftfreq, fftshift, irfft2, rfft2, rfftfreq
 
-from diagnosis import level_curve, within_codes
+from diagnosis import level_curve
 
 Image = NDArray[np.floating]
 Pair = tuple[Image, Image]  # Left and right image (h, w) [DN], not rounded.
@@ -54,8 +51,8 @@ _LEAST_PX = 3 * _TILE_PX  # Of a block's side.
 _MOST = 16.0  # Times the noise that is added,
 _LEAST = 0.2  # and share of the captured image that is left at least.
 _WINDOW = np.outer(np.hanning(_TILE_PX), np.hanning(_TILE_PX)).astype(np.float32)
-_ROUNDING = float((_WINDOW**2).sum()) / 12  # Power of the noise of whole codes.
-_LITTLE = 1e-3 * _ROUNDING  # Power too weak to tell of anything, as that of the finest bits.
+# Power too weak to tell of anything, as that of the finest bits.
+_LITTLE = 1e-4 * float((_WINDOW**2).sum())
 _UNSURE = 0.05  # Share of what is no filter's doing that what tells of one has to be above.
 _BANDS = 8  # In which powers are compared,
 _RADIUS = np.hypot(fftfreq(_TILE_PX)[:, None], rfftfreq(_TILE_PX)[None])  # [1 / px]
@@ -68,15 +65,14 @@ _POINTWISE = 0.02  # Share of a change's power that a curve leaves where it is a
 class Known:
     """Images (h, w) [DN] of one scene and one imager without an effect, and what they tell."""
 
-    captured: Image  # Whole codes,
-    levels: Image  # and what was rounded to them, as of `within_codes`.
+    levels: Image  # Captured; what was rounded to its whole codes, as of `within_codes`.
     without: Image  # Simulated, not rounded.
     still: Image  # Likewise, without noise and speckle.
 
     @cached_property
     def spectra(self) -> list[_Spectra]:
         """Of each block."""
-        return _block_spectra(self.captured, self.without, self.still)
+        return _block_spectra(self.levels, self.without, self.still)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,14 +84,6 @@ class Changed:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Laid:
-    """Images (h, w) [DN] float32 with what an effect does."""
-
-    image: Image  # With the noise of the captured one's whole codes, not rounded again.
-    codes: Image  # Whole.
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Exposed:
     """Simulated pairs of one scene, not rounded."""
 
@@ -103,72 +91,68 @@ class Exposed:
     still: Pair  # Without noise and speckle.
 
 
-def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Laid:
+def laid_on(known: Known, changed: Changed, *, ceiling: float) -> Image:
     """Lay what an effect does to one image onto another.
 
     Args:
         known: the captured image, and the simulated one without the effect.
         changed: that with it.
         ceiling: largest code.
+
+    Returns:
+        (h, w) whole codes [DN].
     """
-    seen, level = known.captured, known.levels
-    base, still, other = known.without, known.still, changed.image
+    level, base, still, other = known.levels, known.without, known.still, changed.image
     if np.array_equal(base, other):
-        return Laid(seen, seen)
+        return _rounded(level, ceiling)
     spectra = None
     bend = level_curve.told(base, other - base)
     if _power(other - bend.of(base)) < _POINTWISE * _power(other - base):
-        rounding = seen - level  # Comes after the curve, as what whole codes are off.
         level, base, still = (bend.of(one) for one in (level, base, still))
-        seen = level + rounding
-        spectra = _block_spectra(seen, base, still)
-    blocks = _blocks(seen.shape)
+        spectra = _block_spectra(level, base, still)
+    blocks = _blocks(level.shape)
     told = [
         _told(of, *(_spectra(one[block.window]) for one in (other, changed.still)))
         for block, of in zip(blocks, spectra or known.spectra, strict=True)
     ]
-    more, again, quieter = _powers(told)
-    filtered, same, scene, within = (np.zeros_like(seen) for _ in range(4))
+    more, quieter = _powers(told)
+    filtered, same, scene = (np.zeros_like(level) for _ in range(3))
     for of, by in zip(blocks, told, strict=True):
-        kernel, quiet = _kernel(by.of_scene), _kernel(by.of_scene * quieter)
-        _add(filtered, seen, of, quiet)
-        _add(within, level, of, quiet)
+        kernel = _kernel(by.of_scene)
+        _add(filtered, level, of, _kernel(by.of_scene * quieter))
         _add(same, base, of, kernel)
         _add(scene, still, of, kernel)
     curve = level_curve.told(same, changed.still - scene)  # Without noise, of which a filter takes.
     of_scene = changed.still - scene - curve.step(scene)
     of_noise = other - same - curve.step(same) - of_scene
     added = of_scene + cv2.filter2D(of_noise, -1, _kernel(more))
-    image = filtered + curve.step(filtered) + added
-    exact = within + curve.step(within) + added
-    codes = np.rint(exact)
-    off = codes - exact
-    # The captured image's own rounding, where filtered, is still in: how far it is the same noise.
-    like = 12 * float(((filtered - within) * off).mean())
-    image += cv2.filter2D(off, -1, _kernel(np.hypot(again, like) - like))
-    return Laid(*(np.clip(one, 0, ceiling).astype(np.float32) for one in (image, codes)))
+    return _rounded(filtered + curve.step(filtered) + added, ceiling)
 
 
-def known(captured: tuple[NDArray, NDArray], without: Exposed) -> tuple[list[Known], list[Known]]:
+def _rounded(image: Image, ceiling: float) -> Image:
+    return np.clip(np.rint(image), 0, ceiling)
+
+
+def known(levels: tuple[NDArray, NDArray], without: Exposed) -> tuple[list[Known], list[Known]]:
     """What captured and simulated pairs tell without an effect, of left and right images.
 
     Args:
-        captured: left and right images (n, h, w), codes.
+        levels: of captured left and right images (n, h, w) [DN].
         without: simulated pairs, as many or more, with the noise that those with an effect have.
     """
     left, right = (
         [
-            _known(image, own[side], without.still[side])
+            Known(*map(_single, (image, own[side], without.still[side])))
             for image, own in zip(images, without.pairs, strict=False)
         ]
-        for side, images in enumerate(captured)
+        for side, images in enumerate(levels)
     )
     return left, right
 
 
 def pairs_laid_on(
     without: tuple[list[Known], list[Known]], changed: Exposed, *, ceiling: float
-) -> tuple[list[Laid], list[Laid]]:
+) -> tuple[list[Image], list[Image]]:
     """Lay what an effect does to simulated pairs onto captured ones.
 
     Args:
@@ -180,18 +164,13 @@ def pairs_laid_on(
         Of left and right images.
     """
 
-    def of(side: int) -> list[Laid]:
+    def of(side: int) -> list[Image]:
         still = _single(changed.still[side])
         made = [Changed(_single(pair[side]), still) for pair in changed.pairs]
         each = zip(without[side], made, strict=False)
         return [laid_on(one, by, ceiling=ceiling) for one, by in each]
 
     return of(0), of(1)
-
-
-def _known(captured: NDArray, without: Image, still: Image) -> Known:
-    levels = within_codes.levels(captured)
-    return Known(*(_single(one) for one in (captured, levels, without, still)))
 
 
 def _single(image: NDArray) -> Image:
@@ -242,7 +221,6 @@ class _Told:
 
     of_scene: Spectrum  # h, also for the captured image.
     missing: Image  # Power of noise that the image with the effect should have beyond the first's;
-    rounding: Image  # of it what h takes of the noise of whole codes, which is alike everywhere;
     drawn: Image  # that of what h leaves of the simulated noise,
     filtered: Image  # and that of the captured image, filtered.
 
@@ -256,7 +234,7 @@ class _Spectra:
     captured: Image  # Power of the captured block,
     scene: Image  # of the still one,
     drawn: Image  # of noise and speckle,
-    share: Image  # what of these, rounded, the captured one has,
+    share: Image  # what of these the captured one has,
     quiet: Image  # and what of its power is no scene.
 
 
@@ -271,8 +249,8 @@ def _of_block(captured: Image, base: Image, still: Image) -> _Spectra:
     of_still = _spectra(still)
     noise = _spectra(base) - of_still
     power, drawn = _own(_spectra(captured)), _own(noise)
-    share = np.clip(_per_band(power) / (_per_band(drawn) + _ROUNDING), 0.0, 1.0)
-    quiet = np.minimum(_per_band(power), drawn + _ROUNDING)
+    share = np.clip(_per_band(power) / (_per_band(drawn) + _LITTLE), 0.0, 1.0)
+    quiet = np.minimum(_per_band(power), drawn)
     return _Spectra(noise, of_still, power, _own(of_still), drawn, share, quiet)
 
 
@@ -286,7 +264,7 @@ def _told(of: _Spectra, other: Spectrum, moved: Spectrum) -> _Told:
     """
     still, noise, scene = of.still, of.noise, of.scene
     moved_scene = _own(moved)
-    of_noise = ((noise.conj() * (other - moved)).mean(0) + _ROUNDING) / (of.drawn + _ROUNDING)
+    of_noise = ((noise.conj() * (other - moved)).mean(0) + _LITTLE) / (of.drawn + _LITTLE)
     together = (still.conj() * moved).mean(0)
     alone = np.clip(moved_scene - np.abs(together) ** 2 / (scene + _LITTLE), 0.0, None)
     unsure = _LITTLE + _UNSURE * alone
@@ -298,14 +276,13 @@ def _told(of: _Spectra, other: Spectrum, moved: Spectrum) -> _Told:
     return _Told(
         of_scene=of_scene,
         missing=(1 - kept) * of.quiet + added,
-        rounding=(1 - kept) * np.minimum(of.quiet, _ROUNDING),
         drawn=_own(other - moved - of_scene * noise),
         filtered=kept * of.captured,
     )
 
 
-def _powers(told: Sequence[_Told]) -> list[Spectrum]:
-    """Factors (h, w // 2 + 1) of what is left of noise, of rounding, and of what was captured.
+def _powers(told: Sequence[_Told]) -> tuple[Spectrum, Spectrum]:
+    """Factors (h, w // 2 + 1) of what is left of noise and of what was captured.
 
     Alike in all blocks and directions, as chance has its part in every single frequency.
     """
@@ -314,17 +291,14 @@ def _powers(told: Sequence[_Told]) -> list[Spectrum]:
         centres = 0.5 * (_EDGES[1:] + _EDGES[:-1])
         return np.interp(_RADIUS, centres, np.sqrt(np.clip(share, least**2, most**2)))
 
-    missing, taken, drawn, filtered = (
+    missing, drawn, filtered = (
         _by_band(np.mean([getattr(block, name) for block in told], axis=0))
-        for name in ("missing", "rounding", "drawn", "filtered")
+        for name in ("missing", "drawn", "filtered")
     )
-    taken = np.clip(np.minimum(taken, missing), 0.0, None)
     little = 1e-6 * filtered.mean() + 1e-12
-    return [
-        root((missing - taken) / (drawn + little), 0.0, _MOST),
-        root(taken / _ROUNDING, 0.0, _MOST),
-        root(1.0 + np.minimum(missing, 0.0) / (filtered + little), _LEAST, 1.0),
-    ]
+    more = root(missing / (drawn + little), 0.0, _MOST)
+    quieter = root(1.0 + np.minimum(missing, 0.0) / (filtered + little), _LEAST, 1.0)
+    return more, quieter
 
 
 def _by_band(power: Image) -> Image:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,11 +23,11 @@ from sim.sensor import Sensor
 if TYPE_CHECKING:  # Loads a compiler.
     from sim.matching.memory import Memory
 
-Images = NDArray[np.unsignedinteger | np.float32]  # Not whole codes where laid onto others.
+Images = NDArray[np.unsignedinteger]
 Maps = NDArray[np.float32]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Reading:
     """Repeats of one scene; (n, h, w) each."""
 
@@ -44,6 +45,16 @@ class Reading:
         maps = self.ours_px if self.device_px is None else self.device_px
         assert maps is not None
         return maps
+
+    @cached_property
+    def levels(self) -> tuple[Maps, Maps]:
+        """What left and right codes may have been rounded from, as of `within_codes`."""
+        assert self.left is not None and self.right is not None
+        left, right = (
+            np.stack([within_codes.levels(one) for one in images])
+            for images in (self.left, self.right)
+        )
+        return left, right
 
     def first(self, count: int) -> Reading:
         """The first repeats alone.
@@ -175,16 +186,15 @@ def exposed_again(of: Reading, sensor: Sensor, rng: np.random.Generator) -> Read
         rng: draws it.
     """
     assert of.left is not None and of.right is not None
-    left = _noisier(of.left, sensor.left, rng)
-    right = _noisier(of.right, sensor.right, rng)
+    left = _noisier(of.left, of.levels[0], sensor.left, rng)
+    right = _noisier(of.right, of.levels[1], sensor.right, rng)
     return dataclasses.replace(
         of, left=left, right=right, ours_px=matched(left[:1], right[:1], sensor)
     )
 
 
-def _noisier(images: Images, imager: Imager, rng: np.random.Generator) -> Images:
+def _noisier(images: Images, levels: Maps, imager: Imager, rng: np.random.Generator) -> Images:
     scale = imager.dn_per_electron
-    levels = np.stack([within_codes.levels(one) for one in images])
     signal = np.maximum(levels - imager.black_level_dn, 0.0)
     variance = imager.shot_noise**2 * scale * signal + (scale * imager.read_noise_e) ** 2
     noise = (np.sqrt(variance) * rng.standard_normal(images.shape)).astype(np.float32)

@@ -16,7 +16,6 @@ from diagnosis.ground import Ground, ground
 from diagnosis.laid_on import Exposed, Known, Pair
 from diagnosis.nuisances import Nuisances
 from diagnosis.reading import (
-    Images,
     Maps,
     Reading,
     alike,
@@ -91,7 +90,7 @@ class Subject:
         if self.against is None or self.against.left is None or self.against.right is None:
             sensor, pairs = self._pairs(settings, seed)
             return _put_out(sensor, pairs)
-        return self._beside(self.against.left, self.against.right, settings, seed)
+        return self._beside(self.against, settings, seed)
 
     def measure(self, settings: Mapping[str, Value], *, seed: int) -> Reading:
         """Simulate what a device without infrared gives; its matcher reads all bits that it has."""
@@ -211,22 +210,20 @@ class Subject:
             for frame in range(self.frames)
         ]
 
-    def _beside(
-        self, left: Images, right: Images, settings: Mapping[str, Value], seed: int
-    ) -> Reading:
+    def _beside(self, captured: Reading, settings: Mapping[str, Value], seed: int) -> Reading:
         """Captured pairs with what effects do to simulated ones."""
         if seed not in self._known:
             self._known.clear()
             _, without = self._exact({}, seed)
-            self._known[seed] = laid_on.known((left, right), without)
+            self._known[seed] = laid_on.known(captured.levels, without)
         sensor, changed = self._exact(settings, seed)
-        ceiling = max(2**sensor.left.bit_depth - 1, int(left.max()))
+        assert captured.left is not None
+        ceiling = max(2**sensor.left.bit_depth - 1, int(captured.left.max()))
         laid = laid_on.pairs_laid_on(self._known[seed], changed, ceiling=ceiling)
         codes = np.uint8 if ceiling < 2**8 else np.uint16
-        left, right = (side[0].codes[None].astype(codes) for side in laid)
-        ours_px = matched(left, right, sensor)
-        first, second = (np.stack([one.image for one in side]) for side in laid)
-        return Reading(left=first, right=second, ours_px=ours_px, device_px=None)
+        left, right = (np.stack(side).astype(codes) for side in laid)
+        ours_px = matched(left[:1], right[:1], sensor)
+        return Reading(left=left, right=right, ours_px=ours_px, device_px=None)
 
     def _exact(self, settings: Mapping[str, Value], seed: int) -> tuple[Sensor, Exposed]:
         """Simulated pairs [DN], with the bits that codes lack."""

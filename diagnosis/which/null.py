@@ -133,7 +133,9 @@ def another(
         assert other is not None
         beside = other
     if arm is Arm.IMAGE and of.against is not None:
-        found = found - of.against + bench.exposed(seed=number)
+        same = bench.another({}, number=number)
+        assert same is not None
+        found = found - same + bench.exposed(seed=number)
         beside = bench.exposed(seed=number + _BESIDE)
     return of.drawn(beside), found
 
