@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +87,7 @@ def from_table(table: dict[str, Any]) -> Sensor:
     """Build a sensor from its tables; `right` left out means: as `left`.
 
     `matcher.setting` names a stock setting (see `sim.matcher.named`) that the rest of the table
-    edits by dotted path.
+    edits, in tables or by dotted path; a table with a `kind` takes the place of a part.
     """
     structure.refuse_long_integers(table, "sensor")
     table = dict(table)
@@ -95,8 +96,17 @@ def from_table(table: dict[str, Any]) -> Sensor:
     chosen = table.get("matcher")
     if isinstance(chosen, dict) and "setting" in chosen:
         stock = matcher.named(chosen["setting"])
-        for path, value in chosen.items():
+        for path, value in _edits(chosen):
             if path != "setting":
                 stock = structure.edit(stock, path, value)
         table["matcher"] = structure.to_table(stock)
     return structure.from_table(Sensor, table)
+
+
+def _edits(table: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Path and value of all that a table sets; of one with a `kind` the whole."""
+    for name, value in table.items():
+        if isinstance(value, dict) and "kind" not in value:
+            yield from ((f"{name}.{path}", inner) for path, inner in _edits(value))
+        else:
+            yield name, value

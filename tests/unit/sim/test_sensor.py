@@ -11,7 +11,7 @@ import pytest
 from patterns.errors import InputError
 from sim import asked_sensor, capture_info, sensor_edits, sensors
 from sim.capture_writer import info_of
-from sim.matcher import Block
+from sim.matcher import Block, named
 from sim.parts.emitter import Emitter
 from sim.sensor import Imager, Lens, Post, Projector, Sensor
 
@@ -65,6 +65,31 @@ def test_right_imager_is_as_the_left_unless_said() -> None:
     table = {**GEOMETRY, "left": {"gain": 2.0}}
     assert sensors.from_table(table).right == Imager(gain=2.0)
     assert sensors.from_table({**table, "right": {}}).right == Imager()
+
+
+@pytest.mark.parametrize(
+    "told", [{"refinement": {"locking_px": -0.04}}, {"refinement.locking_px": -0.04}]
+)
+def test_a_table_beside_a_setting_edits_what_it_tells(told: dict) -> None:
+    """All else of the part stays as the setting has it; a part with a kind is another."""
+    stock, edited = (
+        sensors.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **more}}).matcher
+        for more in ({}, told)
+    )
+    assert stock.refinement.smooth_px > 0
+    refinement = dataclasses.replace(stock.refinement, locking_px=-0.04)
+    assert edited == dataclasses.replace(stock, refinement=refinement)
+    engine = {"engine": {"kind": "Block"}}
+    other = sensors.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **engine}}).matcher
+    assert other == dataclasses.replace(stock, engine=Block())
+
+
+def test_presets_of_the_d4_family_have_its_matcher() -> None:
+    """But for what the device's own dots make of it."""
+    for name in ("d415", "d435", "d455"):
+        of = sensors.load(name).matcher
+        refinement = dataclasses.replace(of.refinement, locking_px=0.0)
+        assert dataclasses.replace(of, refinement=refinement) == named("d4xx")
 
 
 def test_a_setting_may_be_edited_in_the_file() -> None:
