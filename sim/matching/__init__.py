@@ -190,7 +190,8 @@ def _left_right(found: semiglobal.Winners, matcher: Matcher) -> NDArray[np.bool_
     setting, seen = matcher.checks, found.right_best >= 0
     left, right = found.best.astype(np.float32), found.right_best.astype(np.float32)
     if setting.left_right_mean_px:
-        smooth = replace(matcher.refinement, smooth_px=setting.left_right_mean_px)
+        side = setting.left_right_mean_px
+        smooth = replace(matcher.refinement, smooth_px=side, smooth_rows_px=side)
         left = subpixel.refine(left + found.offset, smooth)
         right = np.where(seen, right + found.right_offset, np.float32(np.nan))
         right = subpixel.refine(right, smooth)

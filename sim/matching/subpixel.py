@@ -35,7 +35,13 @@ def refine(
         out = np.where(known & (out > 0), out, disparity_px)
     if setting.smooth_px > 1:
         weight = np.ones_like(out) if weight is None else weight
-        out = smooth(out, weight, side_px=setting.smooth_px, step_px=setting.smooth_step_px)
+        out = smooth(
+            out,
+            weight,
+            columns_px=setting.smooth_px,
+            rows_px=setting.smooth_rows_px or setting.smooth_px,
+            step_px=setting.smooth_step_px,
+        )
     return out
 
 
@@ -71,23 +77,25 @@ def smooth(
     disparity_px: NDArray[np.float32],
     weight: NDArray[np.float32],
     *,
-    side_px: int,
+    columns_px: int,
+    rows_px: int,
     step_px: float,
 ) -> NDArray[np.float32]:
-    """Weighted mean over a square window, of neighbours within `step_px` of the centre.
+    """Weighted mean over a window, of neighbours within `step_px` of the centre.
 
     Taken along the rows and then along the columns of the result, which costs 2n instead of n^2.
 
     Args:
         disparity_px: (h, w) [px]; NaN stays NaN and counts nowhere.
         weight: (h, w) how much each pixel counts, >= 0; where all are 0 the centre stays.
-        side_px: side of the window, odd. step_px: neighbours further off are left out.
+        columns_px, rows_px: width and height of the window, odd.
+        step_px: neighbours further off are left out.
     """
-    reach, step = side_px // 2, np.float32(step_px)
-    padded, weights = _padded(disparity_px, weight, 0, reach)
-    rows, gathered = _mean(padded, weights, disparity_px, 0, 2 * reach, step)
-    padded, weights = _padded(rows, gathered, reach, 0)
-    columns, _ = _mean(padded, weights, rows, 2 * reach, 0, step)
+    across, down, step = columns_px // 2, rows_px // 2, np.float32(step_px)
+    padded, weights = _padded(disparity_px, weight, 0, across)
+    rows, gathered = _mean(padded, weights, disparity_px, 0, 2 * across, step)
+    padded, weights = _padded(rows, gathered, down, 0)
+    columns, _ = _mean(padded, weights, rows, 2 * down, 0, step)
     return columns
 
 

@@ -57,6 +57,7 @@ def test_unknown_name_is_refused_with_the_known_ones():
         ),
         (lambda: Refinement(median_px=7), "median_px must be 0, 3 or 5; got 7"),
         (lambda: Refinement(smooth_px=4), "smooth_px must be odd"),
+        (lambda: Refinement(smooth_rows_px=4), "smooth_rows_px must be odd"),
         (lambda: Refinement(smooth_step_px=-1), "smooth_step_px must be in"),
         (lambda: Refinement(quantum_px=2), "quantum_px must be in"),
         (lambda: Refinement(locking_px=0.16), "locking_px must be in [-0.15, 0.15]; got 0.16"),

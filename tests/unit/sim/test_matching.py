@@ -10,7 +10,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from patterns.errors import InputError
-from sim.matcher import D4XX, FAST, Block, CensusSemiGlobal, Checks, Matcher, SemiGlobalBlock
+from sim.matcher import (
+    D4XX,
+    FAST,
+    Block,
+    CensusSemiGlobal,
+    Checks,
+    Matcher,
+    Refinement,
+    SemiGlobalBlock,
+)
 from sim.matching import DisparityMap, census, checks, match, opencv, semiglobal, subpixel, support
 from sim.matching import support_cost as cost_volume
 from sim.reason import Reason
@@ -293,7 +302,7 @@ def test_smoothing_keeps_jumps_planes_and_holes():
     plane = np.tile(np.arange(60, dtype=np.float32) * 0.1, (40, 1))
     plane[:, 30:] += 20
     plane[10, 10] = np.nan
-    out = subpixel.smooth(plane, np.ones_like(plane), side_px=9, step_px=2.0)
+    out = subpixel.smooth(plane, np.ones_like(plane), columns_px=9, rows_px=9, step_px=2.0)
     assert np.isnan(out[10, 10])
     np.testing.assert_allclose(out[:, 36:54], plane[:, 36:54], atol=1e-4)
     assert np.nanmax(np.abs(out - plane)) < 0.3
@@ -304,10 +313,24 @@ def test_smoothing_counts_by_weight():
     uneven[10, 10] = 8
     sure = np.ones_like(uneven)
     sure[10, 10] = 0
-    assert subpixel.smooth(uneven, sure, side_px=5, step_px=2.0)[10, 10] == 7
+    window = {"columns_px": 5, "rows_px": 5, "step_px": 2.0}
+    assert subpixel.smooth(uneven, sure, **window)[10, 10] == 7
     nobody = np.zeros_like(uneven)
-    kept = subpixel.smooth(uneven, nobody, side_px=5, step_px=2.0)
+    kept = subpixel.smooth(uneven, nobody, **window)
     np.testing.assert_array_equal(kept, uneven)
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(15, 5), (3, 9), (7, 0)])
+def test_a_window_of_the_mean_has_as_many_rows_and_columns_as_are_asked_for(columns, rows):
+    """One pixel that is off is spread over them, evenly; 0 rows are as many as columns."""
+    off = np.full((31, 31), 7, np.float32)
+    off[15, 15] = 8
+    setting = Refinement(smooth_px=columns, smooth_rows_px=rows)
+    spread = subpixel.refine(off, setting) - 7
+    down, across = (np.ptp(places) + 1 for places in np.nonzero(spread > 1e-4))
+    assert (across, down) == (columns, rows or columns)
+    inside = spread[spread > 1e-4]
+    np.testing.assert_allclose(inside, 1 / (across * down), rtol=1e-3)
 
 
 def test_a_median_does_not_fill_an_engine_s_hole():
