@@ -31,7 +31,7 @@ from sim.layers import Image, Mask
 from sim.lights import towards_viewer
 from sim.motion import moments
 from sim.pinhole import Pinhole
-from sim.projection import Light, clear
+from sim.projection import Light, between
 from sim.scene import ModelError
 from sim.sensor import Sensor
 from sim.stage import Stage
@@ -283,9 +283,9 @@ def _hits(
     lit, returned = [], []
     for emission, place in zip(light.emissions, light.places, strict=True):
         source = left.origin + _turned(left, rig.traced(rig.source(place)))
-        reached = si.is_valid() & emission.covers(rig.local(actual, place))
-        tolerance = stage.scene.shadow_tolerance
-        reached = clear(stage.blocking().mitsuba, source, si.p, reached, tolerance)
+        covered = si.is_valid() & emission.covers(rig.local(actual, place))
+        shadow = between(source, si.p, stage.scene.shadow_tolerance)
+        reached = stage.passed(shadow, covered) > 0
         toward = si.to_local(dr.normalize(source - si.p))
         returned.append(si.bsdf().eval(mi.BSDFContext(), si, toward, reached)[0])
         lit.append(reached)

@@ -10,11 +10,10 @@ import numpy as np
 
 from sim import backend
 from sim.camera import opaque
-from sim.projection import Beam, Light, projected
+from sim.projection import Light
 from sim.scene import Ambient, Scene, Sun
 from sim.sensor import Sensor
 from sim.skylight import MATT_TILT
-from sim.specular import Specular
 from sim.stage import Stage
 
 
@@ -47,12 +46,12 @@ class Lights:
 
         The first two are for lights of unit strength, the third is left out where there are none.
         """
-        parts = [_projected(stage, self.projector, si), _ambient(stage, si)]
+        parts = [self.projector.returned(stage, si), _ambient(stage, si)]
         if self.count == 2:
             return parts
         rest = backend.mitsuba().Float(0)
         if self.other is not None:
-            rest = rest + self.other_power_w * _projected(stage, self.other, si)
+            rest = rest + self.other_power_w * self.other.returned(stage, si)
         if self.sun is not None:
             rest = rest + self.sun.returned(stage, si)
         return [*parts, rest]
@@ -96,13 +95,10 @@ class _Directional:
         mi, dr = backend.mitsuba(), backend.drjit()
         ray = si.spawn_ray(self.towards)
         ray.o += self.towards * (si.t * stage.scene.shadow_tolerance)
-        active = si.is_valid()
-        active &= ~stage.blocking().mitsuba.ray_test(ray, active)
-        brdf_cos = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(self.towards), active)[0]
-        radiance = dr.select(active, brdf_cos * self.irradiance, 0)
-        if stage.specular is None:
-            return radiance
-        return radiance * stage.specular.transmitted(ray, dr.inf, active)
+        share = stage.passed(ray, si.is_valid())
+        lit = share > 0
+        brdf_cos = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(self.towards), lit)[0]
+        return dr.select(lit, brdf_cos * self.irradiance * share, 0)
 
 
 def _other(scene: Scene, sensor: Sensor) -> Light | None:
@@ -111,29 +107,6 @@ def _other(scene: Scene, sensor: Sensor) -> Light | None:
         return None
     device = dataclasses.replace(sensor, kind="stereo", projector=scene.other_projector)
     return Light.of(device, scene.world_from_left)
-
-
-def _projected(stage: Stage, light: Light, si: Any) -> Any:
-    """Radiance returned of a projector's light, where that comes through glass too."""
-    first, *others = (_thrown(stage, beam, si) for beam in light.beams)
-    return sum(others, start=first)
-
-
-def _thrown(stage: Stage, beam: Beam, si: Any) -> Any:
-    """Radiance returned of one emitter's light."""
-    if stage.specular is None:
-        return projected(stage, beam, si)
-    return projected(stage.blocking(), beam, si) * _passed(stage, stage.specular, beam, si)
-
-
-def _passed(stage: Stage, specular: Specular, beam: Beam, si: Any) -> Any:
-    """Share of an emitter's light that glass on the way lets pass."""
-    mi, dr = backend.mitsuba(), backend.drjit()
-    way = si.p - beam.place.origin
-    distance = dr.norm(way)
-    ray = mi.Ray3f(beam.place.origin, way / distance)
-    short = distance * (1 - stage.scene.shadow_tolerance)
-    return specular.transmitted(ray, short, si.is_valid())
 
 
 def _ambient(stage: Stage, si: Any) -> Any:

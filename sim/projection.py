@@ -113,10 +113,29 @@ class Beam:
     emission: Emission
     place: Placed
 
-    def reaches(self, scene: Any, point: Any, active: Any, tolerance: float) -> Any:
-        """Whether nothing stands between emitter and point, and the field covers it."""
-        covered = self.emission.covers(self.place.local(point))
-        return clear(scene, self.place.origin, point, active & covered, tolerance)
+    def passed(self, stage: Stage, point: Any, active: Any) -> Any:
+        """Share of the light towards a point that gets there; 0 where the field ends."""
+        covered = active & self.emission.covers(self.place.local(point))
+        return stage.passed(
+            between(self.place.origin, point, stage.scene.shadow_tolerance), covered
+        )
+
+    def returned(self, stage: Stage, si: Any) -> Any:
+        """Radiance that surface points return of the emitter's direct light [W m^-2 sr^-1].
+
+        The plane at distance z in front of the emitter receives E1 / z^2, E1 being the pattern's
+        irradiance at unit distance; a surface turned by theta from the ray, which leaves at angle
+        alpha from the axis, receives cos theta / cos alpha times that.
+        """
+        mi, dr = backend.mitsuba(), backend.drjit()
+        local = self.place.local(si.p)
+        toward = -dr.normalize(si.p - self.place.origin)
+        share = self.passed(stage, si.p, si.is_valid())
+        lit = share > 0
+        plane = self.emission.irradiance(local, lit)
+        cos_alpha = local.z / dr.norm(local)
+        brdf_cos = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(toward), lit)[0]
+        return dr.select(lit, brdf_cos * plane / cos_alpha * share, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,11 +162,14 @@ class Light:
         places = (_on(self.place, place) if place else self.place for place in self.places)
         return [Beam(*pair) for pair in zip(self.emissions, places, strict=True)]
 
-    def reaches(self, scene: Any, point: Any, active: Any, tolerance: float) -> Any:
+    def reaches(self, stage: Stage, point: Any, active: Any) -> Any:
         """Whether the light of any emitter gets to a point."""
-        return reduce(
-            operator.or_, (beam.reaches(scene, point, active, tolerance) for beam in self.beams)
-        )
+        return reduce(operator.or_, (beam.passed(stage, point, active) > 0 for beam in self.beams))
+
+    def returned(self, stage: Stage, si: Any) -> Any:
+        """Radiance that surface points return of the light of all emitters [W m^-2 sr^-1]."""
+        first, *others = (beam.returned(stage, si) for beam in self.beams)
+        return sum(others, start=first)
 
 
 def _on(projector_place: Placed, place: Placed) -> Placed:
@@ -167,28 +189,11 @@ def _texture(kind: str, image: NDArray[np.float32]) -> Any:
     return getattr(mi, kind)(mi.TensorXf(image[..., None]), use_accel=False)
 
 
-def clear(scene: Any, origin: Any, point: Any, active: Any, tolerance: float) -> Any:
-    """Whether the way from origin to point is free, up to a share `tolerance` of its length."""
+def between(origin: Any, point: Any, tolerance: float) -> Any:
+    """Ray from origin to point, up to a share `tolerance` of its length."""
     mi, dr = backend.mitsuba(), backend.drjit()
-    way = point - origin
-    distance = dr.norm(way)
-    ray = mi.Ray3f(origin, way / distance)
+    along = point - origin
+    distance = dr.norm(along)
+    ray = mi.Ray3f(origin, along / distance)
     ray.maxt = distance * (1 - tolerance)
-    return active & ~scene.ray_test(ray, active)
-
-
-def projected(stage: Stage, beam: Beam, si: Any) -> Any:
-    """Radiance that surface points return of an emitter's direct light [W m^-2 sr^-1].
-
-    The plane at distance z in front of the emitter receives E1 / z^2, E1 being the pattern's
-    irradiance at unit distance; a surface turned by theta from the ray, which leaves at angle
-    alpha from the axis, receives cos theta / cos alpha times that.
-    """
-    mi, dr = backend.mitsuba(), backend.drjit()
-    local = beam.place.local(si.p)
-    toward = -dr.normalize(si.p - beam.place.origin)
-    active = beam.reaches(stage.mitsuba, si.p, si.is_valid(), stage.scene.shadow_tolerance)
-    plane = beam.emission.irradiance(local, active)
-    cos_alpha = local.z / dr.norm(local)
-    brdf_cos = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(toward), active)[0]
-    return dr.select(active, brdf_cos * plane / cos_alpha, 0)
+    return ray

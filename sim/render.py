@@ -18,7 +18,7 @@ from sim import backend, motion, placement
 from sim.camera import Camera, cameras, opaque, pixels
 from sim.layers import Image, Layers, Truth, View
 from sim.lights import Lights, towards_viewer
-from sim.projection import Light, clear
+from sim.projection import Light, between
 from sim.sensor import Sensor
 from sim.specular import Specular
 from sim.stage import Stage
@@ -149,15 +149,16 @@ def _centres(stage: Stage, camera: Camera) -> tuple[Image, NDArray[np.uint32]]:
 def _truth(stage: Stage, left: Camera, right: Camera, light: Light) -> Truth:
     mi, dr = backend.mitsuba(), backend.drjit()
     si = stage.mitsuba.ray_intersect(left.ray(pixels(left.size)))
-    hit, tolerance = si.is_valid(), stage.scene.shadow_tolerance
-    normal = towards_viewer(si)
+    hit, normal = si.is_valid(), towards_viewer(si)
+    faced = hit & right.sees(si.p)
+    sight = between(right.place.origin, si.p, stage.scene.shadow_tolerance)
     place = left.place
     columns = (
         left.place.local(si.p).z,
         *(dr.dot(axis, normal) for axis in (place.x, place.y, place.z)),
         dr.reinterpret_array(mi.UInt32, si.shape),
-        clear(stage.mitsuba, right.place.origin, si.p, hit & right.sees(si.p), tolerance),
-        light.reaches(stage.blocking().mitsuba, si.p, hit, tolerance),
+        faced & ~stage.mitsuba.ray_test(sight, faced),
+        light.reaches(stage, si.p, hit),
         hit,
     )
     dr.eval(*columns)

@@ -15,6 +15,7 @@ from typing import Any
 from sim import backend
 
 _INTERFACES = 8  # Surfaces that a ray may pass or leave: two bottles, one behind the other.
+_MEETINGS = _INTERFACES + 1  # And what stands behind them; beyond it is dark.
 
 Shade = Callable[[Any, Any], list[Any]]  # Surface points and which count, to radiances.
 Sky = Callable[[Any], list[Any]]  # Directions of rays that left the scene, to radiances.
@@ -28,8 +29,6 @@ class Specular:
     indices: Any  # Float by shape handle: refractive index of glass, 0 of everything else.
     has_glass: bool
     has_panes: bool  # Something lets light straight through.
-    blocking: Any  # Mitsuba scene of the shapes that no light passes.
-    passing: Any  # Mitsuba scene of the others.
 
     @staticmethod
     def of(shapes: Sequence[Any]) -> Specular | None:
@@ -38,27 +37,24 @@ class Specular:
         flag = mi.BSDFFlags
         mirrors: dict[int, float] = {}
         glass: dict[int, float] = {}
-        panes: list[int] = []
+        has_panes = False
         for shape in shapes:
             bsdf, handle = shape.bsdf(), shape_handle(shape)
             flags = int(bsdf.flags())
             if flags & int(flag.DeltaTransmission):
                 glass[handle] = _index(bsdf)
             elif flags & int(flag.Null):
-                panes.append(handle)
+                has_panes = True
             elif flags & int(flag.All) == int(flag.DeltaReflection):
                 mirrors[handle] = _reflectance(bsdf)
-        if not (mirrors or glass or panes):
+        if not (mirrors or glass or has_panes):
             return None
         size = max(map(shape_handle, shapes)) + 1
-        passed = {*glass, *panes}
         return Specular(
             mirrors=mi.Float([mirrors.get(handle, 0.0) for handle in range(size)]),
             indices=mi.Float([glass.get(handle, 0.0) for handle in range(size)]),
             has_glass=bool(glass),
-            has_panes=bool(panes),
-            blocking=_scene([shape for shape in shapes if shape_handle(shape) not in passed]),
-            passing=_scene([shape for shape in shapes if shape_handle(shape) in passed]),
+            has_panes=has_panes,
         )
 
     def seen(self, scene: Any, ray: Any, shade: Shade, sky: Sky) -> list[Any]:
@@ -99,7 +95,7 @@ class Specular:
                 ray = dr.select(now, waiting.ray, ray)
                 weighed = dr.select(now, waiting.weight, weighed)
                 waiting.weight = dr.select(now, 0, waiting.weight)
-                left = dr.select(now, _INTERFACES, left)
+                left = dr.select(now, _MEETINGS, left)
                 active, turned = active | now, turned | now
             return active, left, ray, weighed, turned, waiting, *sums
 
@@ -107,7 +103,7 @@ class Specular:
         first = mi.Ray3f(ray)
         state = (
             dr.full(mi.Bool, True, width),
-            dr.full(mi.UInt32, _INTERFACES, width),
+            dr.full(mi.UInt32, _MEETINGS, width),
             first,
             dr.ones(mi.Float, width),
             dr.full(mi.Bool, False, width),
@@ -117,37 +113,41 @@ class Specular:
         label = "mirrors and glass"
         return list(dr.while_loop(state, lambda active, *_: active, step, label=label)[6:])
 
-    def transmitted(self, ray: Any, distance: Any, active: Any) -> Any:
-        """Share of light that gets through glass and panes, unbent, up to a distance."""
+    def passed(self, scene: Any, ray: Any, active: Any) -> Any:
+        """Share of light that gets along rays, unbent, up to their ends; 0 where one is blocked.
+
+        One scene answers for what blocks and for what lets pass: OptiX knows only one in a kernel.
+
+        Args:
+            scene: Mitsuba scene of all shapes.
+            ray: from a light or towards it.
+            active: which rays count; the others' share is 0.
+        """
         mi, dr = backend.mitsuba(), backend.drjit()
-        if not (self.has_glass or self.has_panes):
-            return mi.Float(1)
 
-        def more(active: Any, count: Any, *_: Any) -> Any:
-            return active & (count < _INTERFACES)
+        def step(going: Any, left: Any, ray: Any, share: Any) -> tuple[Any, ...]:
+            si = scene.ray_intersect(ray, going)
+            going = going & si.is_valid()
+            share = dr.select(going, share * self._through(si, going), share)
+            left = left - 1
+            share = dr.select(going & (left == 0), 0, share)
+            onward = si.spawn_ray(ray.d)
+            onward.maxt = ray.maxt - dr.dot(onward.o - ray.o, ray.d)  # It starts past the surface.
+            return going & (share > 0) & (onward.maxt > 0), left, onward, share
 
-        def step(active: Any, count: Any, ray: Any, left: Any, share: Any) -> tuple[Any, ...]:
-            ray.maxt = left
-            si = self.passing.ray_intersect(ray, active)
-            active = active & si.is_valid()
-            share = dr.select(active, share * self._through(si, active), share)
-            left = dr.select(active, left - si.t, left)
-            return active & (left > 0), count + 1, si.spawn_ray(ray.d), left, share
-
-        width = dr.width(ray)
         state = (
             mi.Bool(active),
-            mi.UInt32(0),
+            dr.full(mi.UInt32, _MEETINGS, dr.width(ray)),
             mi.Ray3f(ray),
-            mi.Float(distance),
-            dr.ones(mi.Float, width),
+            dr.select(active, mi.Float(1), 0),
         )
-        return dr.while_loop(state, more, step, label="light through glass")[-1]
+        label = "light through glass"
+        return dr.while_loop(state, lambda going, *_: going, step, label=label)[-1]
 
     def _through(self, si: Any, active: Any) -> Any:
         """Share of light that passes a surface in its own direction."""
         mi, dr = backend.mitsuba(), backend.drjit()
-        share = mi.Float(1)
+        share = mi.Float(0)
         if self.has_panes:
             share = si.bsdf().eval_null_transmission(si, active)[0]
         if self.has_glass:
@@ -205,11 +205,6 @@ def shape_handle(shape: Any) -> int:
 def _leaves(si: Any, local: Any) -> Any:
     """Ray from a surface in a direction of the surface's frame."""
     return si.spawn_ray(si.to_world(local))
-
-
-def _scene(shapes: list[Any]) -> Any:
-    named = {f"body_{i:04d}": shape for i, shape in enumerate(shapes)}
-    return backend.mitsuba().load_dict({"type": "scene", **named})
 
 
 def _index(bsdf: Any) -> float:

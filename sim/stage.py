@@ -105,13 +105,15 @@ class Stage:
         other.scene = scene
         return other
 
-    def blocking(self) -> Stage:
-        """This stage without what lets light pass: all that throws a shadow."""
-        if self.specular is None:
-            return self
-        less = copy.copy(self)
-        less.mitsuba = self.specular.blocking
-        return less
+    def passed(self, ray: Any, active: Any) -> Any:
+        """Share of light that gets along rays up to their ends: 0 where something throws a shadow.
+
+        Glass and panes let light pass, and keep their share of it.
+        """
+        dr = backend.drjit()
+        if self.specular is not None:
+            return self.specular.passed(self.mitsuba, ray, active)
+        return dr.select(active & ~self.mitsuba.ray_test(ray, active), 1.0, 0.0)
 
 
 _LARGEST_M = 100.0

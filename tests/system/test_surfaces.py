@@ -183,6 +183,16 @@ def test_glass_passes_what_fresnel_leaves(even, panes):
     assert middle(seen) / middle(bare) == pytest.approx((1 - FACE) ** (4 * panes), rel=0.01)
 
 
+@pytest.mark.parametrize(("panes", "beyond"), [(4, True), (5, False)])
+def test_what_stands_behind_eight_faces_is_seen_and_lit(even, panes, beyond):
+    """Two bottles, one behind the other, are 8 faces; behind more it is dark."""
+    sheets = [pane(distance_m=0.4 + 0.1 * i) for i in range(panes)]
+    bare = rendered(plate("wall", 1.0), sensor=even).left.projector_direct
+    seen = rendered(plate("wall", 1.0), *sheets, sensor=even).left.projector_direct
+    share = (1 - FACE) ** (4 * panes) if beyond else 0
+    assert middle(seen) / middle(bare) == pytest.approx(share, rel=0.01)
+
+
 def test_glass_shows_what_is_before_it():
     """The first face mirrors a share R of the sky (radiance 1 / pi) beside what passes."""
     seen = rendered(plate("wall", 1.0), pane()).left.ambient

@@ -1,0 +1,64 @@
+"""All rays of a stage are traced in one Mitsuba scene.
+
+Rationale: OptiX knows one scene in a kernel. Rays into a second meet nothing on a GPU, without an
+error; on processors nothing is amiss.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import pytest
+
+from sim import backend, differentiable, frames, sensors, simulate
+from sim.scene import Finish, Material, Scene, Sun
+from sim.scenes import solids
+from sim.sensor import Projector
+from sim.stage import Stage
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> set[int]:
+    """The scenes that rays were traced in."""
+    mi, found = backend.mitsuba(), set()
+    for name in ("ray_intersect", "ray_test"):
+        traced = getattr(mi.Scene, name)
+
+        def spy(scene: Any, *rest: Any, traced: Any = traced, **more: Any) -> Any:
+            found.add(id(scene))
+            return traced(scene, *rest, **more)
+
+        monkeypatch.setattr(mi.Scene, name, spy)
+    return found
+
+
+def test_rays_are_traced_in_one_scene(asked: set[int]) -> None:
+    sheet, matt = solids.plane(8, 8), Material(name="white", reflectance=0.6)
+    things = {
+        "wall": (sheet, matt, 1.0),
+        "pane": (sheet, matt, 0.9),
+        "glass": (solids.box((4, 4, 0.005)), Material(name="glass", kind="glass"), 0.5),
+        "mirror": (solids.plane(0.2, 0.2), Material(name="mirror", kind="mirror"), 0.8),
+    }
+    bodies = tuple(
+        solids.body(name, mesh, material, frames.pose((0, 0, distance_m)))
+        for name, (mesh, material, distance_m) in things.items()
+    )
+    scene = Scene(
+        name="test",
+        bodies=bodies,
+        finish=Finish(of="pane", transparency=0.5),
+        sun=Sun(irradiance_w_m2=1.0, towards=(0.0, 0.0, -1.0)),
+        other_projector=Projector(power_w=0.1, position_m=(0.2, 0.0, 0.0)),
+        interreflection=1.0,
+    )
+    sensor = dataclasses.replace(
+        sensors.load("d435"), width=64, height=48, fx_px=60.0, fy_px=60.0, cx_px=31.5, cy_px=23.5
+    )
+    stage = Stage(scene)
+    simulate.simulate(stage, sensor, samples=1)
+    assert asked == {id(stage.mitsuba)}
+    asked.clear()
+    differentiable.trace(stage, sensor, "left")
+    assert asked == {id(stage.mitsuba)}
