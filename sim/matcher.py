@@ -126,7 +126,7 @@ class Refinement:
 
     median_px: int = 0  # Side of the median filter on all winners: 0, 3 or 5.
     smooth_px: int = 0  # Columns of the window of the jump-preserving mean, odd or 0.
-    smooth_rows_px: int = 0  # Its rows, odd; 0 = as many as columns.
+    smooth_rows_px: int = 31  # Its rows, odd, and no more than columns.
     smooth_step_px: float = 2.0  # Neighbours further off than this stay out of the mean [px].
     locking_px: float = 0.0  # Amplitude of a pull that has a whole pixel's period [px].
     quantum_px: float = 0.0  # Disparities are rounded to multiples of this [px]; 0 = not at all.
@@ -136,8 +136,7 @@ class Refinement:
             raise refuse("median_px", "must be 0, 3 or 5", self.median_px, "0 switches it off.")
         if self.smooth_px:
             _odd("smooth_px", self.smooth_px, 1, 31)
-        if self.smooth_rows_px:
-            _odd("smooth_rows_px", self.smooth_rows_px, 1, 31)
+        _odd("smooth_rows_px", self.smooth_rows_px, 1, 31)
         in_interval("smooth_step_px", self.smooth_step_px, 0.0, 16.0)
         in_interval("locking_px", self.locking_px, -0.15, 0.15, "More would fold disparities.")
         in_interval("quantum_px", self.quantum_px, 0.0, 1.0)

@@ -242,10 +242,10 @@ _REFINEMENT = (
         "disparity_smoothing",
         _own("side", "refinement.smooth_px", "px", 0, 31, (0, 5, 7, 9, 11, 13, 15, 21, 31)),
         _own("step_px", "refinement.smooth_step_px", "px", 0.5, 4.0),
-        _own("rows", "refinement.smooth_rows_px", "px", 0, 31, (0, 3, 5, 7, 9, 11, 15, 21, 31)),
+        _own("rows", "refinement.smooth_rows_px", "px", 1, 31, (1, 3, 5, 7, 9, 11, 15, 21, 31)),
         imitates="A mean that stops at jumps: the device's errors stay alike over some 12 px of a "
         "row and 6 of a column.",
-        law="weighted mean over side columns x rows (0: as many) of neighbours within step",
+        law="weighted mean over side columns x rows, no more than side, of neighbours within step",
         shows="Off: grain, 0.048 px between neighbours, 0.239 px against the scanner. 31 px each "
         "way: grain gone (0.030 px), curved parts flattened (1.2 % off). Fewer rows than columns: "
         "errors stay alike along rows further than along columns. Holes stay.",

@@ -39,7 +39,7 @@ def refine(
             out,
             weight,
             columns_px=setting.smooth_px,
-            rows_px=setting.smooth_rows_px or setting.smooth_px,
+            rows_px=min(setting.smooth_rows_px, setting.smooth_px),
             step_px=setting.smooth_step_px,
         )
     return out
