@@ -1,8 +1,9 @@
 """The matcher on the 15 real D415 scenes, beside the device's own depth on the same infrared pair.
 
-    python benchmarks/match_faro.py d4xx fast
+    python benchmarks/match_faro.py d4xx fast d415
     python benchmarks/match_faro.py d4xx --border 0 3 5 7 9
 
+Settings are those of the matcher, or of a sensor preset.
 Captures: `d415-faro` in the folder $STARLING_CAPTURES. Errors against the laser scanner; agreement
 = ours against the device. Settings were chosen on the tuned rooms alone.
 With --border: what the device has of what we find, by the match's column in the right image, and
@@ -26,6 +27,7 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from sim import sensors
 from sim.matcher import FAST, Matcher, SemiGlobalBlock, named
 from sim.matching import DisparityMap, match
 from sim.metrics import DisparityFigures, disparity_figures, reached_pixels, scored_pixels
@@ -104,9 +106,14 @@ def _line(label: str, figures: dict[str, dict[str, float]]) -> str:
     return f"{label:12}" + " |".join(cells)
 
 
+def setting_of(name: str) -> Matcher:
+    """The matcher of a sensor preset, or a setting of its own."""
+    return sensors.load(name).matcher if name in sensors.names() else named(name)
+
+
 def _table(name: str, where: Path) -> None:
     print(f"\n{name}: bias px, NMAD px, off > 1 px %, fill (, no-depth IoU)")
-    rows = [(scene, measure(scene, named(name))) for scene in scenes(where)]
+    rows = [(scene, measure(scene, setting_of(name))) for scene in scenes(where)]
     for scene, row in rows:
         print(_line(scene.name + (" tuned" if scene.tuned else ""), medians([row])))
     groups = {
@@ -119,7 +126,7 @@ def _table(name: str, where: Path) -> None:
 
 
 def _borders(name: str, where: Path, widths: list[float]) -> None:
-    setting = named(name)
+    setting = setting_of(name)
     settings = {
         width: replace(setting, checks=replace(setting.checks, border_px=width)) for width in widths
     }
@@ -172,7 +179,7 @@ def _timings(names: list[str], scene: Scene) -> None:
     floor = _seconds(lambda: bare.compute(scene.left, scene.right))
     print(f"\nbare StereoSGBM 3WAY {floor:.3f} s")
     for name in names:
-        took = _seconds(lambda name=name: match(scene.left, scene.right, named(name)))
+        took = _seconds(lambda name=name: match(scene.left, scene.right, setting_of(name)))
         print(f"{name:6} {took:.3f} s = {took / floor:.2f} x")
 
 

@@ -240,7 +240,7 @@ _REFINEMENT = (
     _row(
         "smoothing_mean",
         "disparity_smoothing",
-        _own("side", "refinement.smooth_px", "px", 0, 31, (0, 5, 7, 9, 11, 13, 15, 21, 31)),
+        _own("side", "refinement.smooth_px", "px", 0, 31, (0, 5, 7, 9, 11, 13, 15, 17, 21, 31)),
         _own("step_px", "refinement.smooth_step_px", "px", 0.5, 4.0),
         _own("rows", "refinement.smooth_rows_px", "px", 1, 31, (1, 3, 5, 7, 9, 11, 15, 21, 31)),
         imitates="A mean that stops at jumps: the device's errors stay alike over some 12 px of a "

@@ -85,11 +85,12 @@ def test_a_table_beside_a_setting_edits_what_it_tells(told: dict) -> None:
 
 
 def test_presets_of_the_d4_family_have_its_matcher() -> None:
-    """But for what the device's own dots make of it."""
-    for name in ("d415", "d435", "d455"):
-        of = sensors.load(name).matcher
-        refinement = dataclasses.replace(of.refinement, locking_px=0.0)
-        assert dataclasses.replace(of, refinement=refinement) == named("d4xx")
+    """But for what a D415's own pairs tell of its refinement."""
+    stock = named("d4xx")
+    assert sensors.load("d435").matcher == sensors.load("d455").matcher == stock
+    of_pairs = {"locking_px": -0.04, "smooth_px": 17, "smooth_rows_px": 9}
+    refinement = dataclasses.replace(stock.refinement, **of_pairs)
+    assert sensors.load("d415").matcher == dataclasses.replace(stock, refinement=refinement)
 
 
 def test_a_setting_may_be_edited_in_the_file() -> None:
