@@ -113,7 +113,8 @@ def setting_of(name: str) -> Matcher:
 
 def _table(name: str, where: Path) -> None:
     print(f"\n{name}: bias px, NMAD px, off > 1 px %, fill (, no-depth IoU)")
-    rows = [(scene, measure(scene, setting_of(name))) for scene in scenes(where)]
+    setting = setting_of(name)
+    rows = [(scene, measure(scene, setting)) for scene in scenes(where)]
     for scene, row in rows:
         print(_line(scene.name + (" tuned" if scene.tuned else ""), medians([row])))
     groups = {
@@ -179,7 +180,8 @@ def _timings(names: list[str], scene: Scene) -> None:
     floor = _seconds(lambda: bare.compute(scene.left, scene.right))
     print(f"\nbare StereoSGBM 3WAY {floor:.3f} s")
     for name in names:
-        took = _seconds(lambda name=name: match(scene.left, scene.right, setting_of(name)))
+        setting = setting_of(name)
+        took = _seconds(lambda setting=setting: match(scene.left, scene.right, setting))
         print(f"{name:6} {took:.3f} s = {took / floor:.2f} x")
 
 

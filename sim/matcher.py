@@ -126,7 +126,7 @@ class Refinement:
 
     median_px: int = 0  # Side of the median filter on all winners: 0, 3 or 5.
     smooth_px: int = 0  # Columns of the window of the jump-preserving mean, odd or 0.
-    smooth_rows_px: int = 31  # Its rows, odd, and no more than columns.
+    smooth_rows_px: int = 31  # Its rows at most, odd; never more than columns.
     smooth_step_px: float = 2.0  # Neighbours further off than this stay out of the mean [px].
     locking_px: float = 0.0  # Amplitude of a pull that has a whole pixel's period [px].
     quantum_px: float = 0.0  # Disparities are rounded to multiples of this [px]; 0 = not at all.

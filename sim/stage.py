@@ -110,10 +110,10 @@ class Stage:
 
         Glass and panes let light pass, and keep their share of it.
         """
-        dr = backend.drjit()
-        if self.specular is not None:
-            return self.specular.passed(self.mitsuba, ray, active)
-        return dr.select(active & ~self.mitsuba.ray_test(ray, active), 1.0, 0.0)
+        dr, through = backend.drjit(), self.specular
+        if through is None or not (through.has_glass or through.has_panes):
+            return dr.select(active & ~self.mitsuba.ray_test(ray, active), 1.0, 0.0)
+        return through.passed(self.mitsuba, ray, active)
 
 
 _LARGEST_M = 100.0
