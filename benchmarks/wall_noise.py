@@ -1,12 +1,14 @@
 """Noise of disparity on walls: the D415's own depth, and our matcher's by windows of its mean.
 
-    python benchmarks/wall_noise.py 15x15 15x9 15x5 21x7
+    python benchmarks/wall_noise.py 15x15 15x9 15x5 21x7 d415
 
+Windows are columns and rows of `d4xx`'s mean; a sensor preset has its own matcher.
 Captures: `d415-faro` in the folder $STARLING_CAPTURES. Walls are squares of 48 px that the laser
-scanner has plane within 0.03 px of disparity, and where both have depth all over; what is off the
-plane of each is noise. Told are its deviation, how far it is alike 4 and 8 px along rows and
-columns, and how many pixels are as deep as their neighbours. The window was chosen on the tuned
-rooms alone.
+scanner has plane within 0.03 px of disparity, and where all that are asked for have depth all over,
+so other walls where others are asked for; what is off the plane of each is noise. Told are its
+deviation, that over the device's on the same wall (median over walls; like all figures then the
+mean over scenes), how far it is alike 4 and 8 px along rows and columns, and how many pixels are as
+deep as their neighbours. The window was chosen on the tuned rooms alone.
 """
 
 from __future__ import annotations
@@ -22,8 +24,9 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from benchmarks.match_faro import Scene, folder, scenes
-from sim.matcher import D4XX
+from benchmarks.match_faro import Scene, folder, scenes, setting_of
+from sim import sensors
+from sim.matcher import D4XX, Matcher
 from sim.matching import match
 
 SIDE_PX = 48
@@ -33,6 +36,7 @@ HEAD = (
     "depth",
     "rooms",
     "noise [px]",
+    "over the device's",
     "alike along rows, 4; 8 px",
     "along columns",
     "equal, rows; columns",
@@ -42,7 +46,7 @@ HEAD = (
 def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("windows", nargs="+", help="columns and rows of the mean, as 15x5")
+    parser.add_argument("windows", nargs="+", help="as 15x5, or a sensor preset")
     windows = parser.parse_args().windows
     found: dict[tuple[str, bool], list[NDArray]] = {}
     for scene in scenes(folder()):
@@ -50,30 +54,40 @@ def main() -> None:
         maps.update({window: matched(scene, window) for window in windows})
         walls = flat(scene.truth_px, list(maps.values()))
         for name, disparity in maps.items():
-            told = [noise(disparity[wall]) for wall in walls]
+            told = [
+                [*noise(disparity[wall]), spread(disparity[wall]) / spread(scene.device_px[wall])]
+                for wall in walls
+            ]
             if told:
                 found.setdefault((name, scene.tuned), []).append(np.median(told, axis=0))
         print(f"{scene.name}: {len(walls)} walls", file=sys.stderr)
     print(f"| {' | '.join(HEAD)} |\n{'| --- ' * len(HEAD)}|")
     for (name, tuned), told in sorted(found.items(), key=lambda each: not each[0][1]):
-        deviation, *rest = np.mean(told, axis=0)
+        deviation, *rest, over = np.mean(told, axis=0)
         pairs = [f"{one:.2f}; {two:.2f}" for one, two in zip(rest[::2], rest[1::2], strict=True)]
-        cells = (name, "tuned" if tuned else "others", f"{deviation:.3f}", *pairs)
+        cells = (name, "tuned" if tuned else "others", f"{deviation:.3f}", f"{over:.2f}", *pairs)
         print(f"| {' | '.join(cells)} |")
 
 
 def matched(scene: Scene, window: str) -> NDArray:
-    """Disparity (h, w) [px] by our matcher with a window of its mean, NaN where there is none.
+    """Disparity (h, w) [px] by our matcher, NaN where there is none.
 
     By way of depth in whole units, as the device's is.
     """
-    columns, rows = map(int, window.split("x"))
-    refinement = replace(D4XX.refinement, smooth_px=columns, smooth_rows_px=rows)
-    found = match(scene.left, scene.right, replace(D4XX, refinement=refinement)).disparity_px
+    found = match(scene.left, scene.right, matcher_of(window)).disparity_px
     info = tomllib.loads((folder() / "capture.toml").read_text())
     units = info["fx_px"] * info["baseline_m"] / info["depth_unit_m"]
     with np.errstate(divide="ignore"):
         return units / np.rint(units / found)
+
+
+def matcher_of(window: str) -> Matcher:
+    """That of a sensor preset, or `d4xx` with a window of its mean."""
+    if window in sensors.names():
+        return setting_of(window)
+    columns, rows = map(int, window.split("x"))
+    refinement = replace(D4XX.refinement, smooth_px=columns, smooth_rows_px=rows)
+    return replace(D4XX, refinement=refinement)
 
 
 def flat(truth_px: NDArray, maps: list[NDArray]) -> list[tuple[slice, slice]]:
@@ -81,8 +95,8 @@ def flat(truth_px: NDArray, maps: list[NDArray]) -> list[tuple[slice, slice]]:
     height, width = truth_px.shape
     corners = [
         (slice(y, y + SIDE_PX), slice(x, x + SIDE_PX))
-        for y in range(0, height - SIDE_PX, SIDE_PX)
-        for x in range(0, width - SIDE_PX, SIDE_PX)
+        for y in range(0, height - SIDE_PX + 1, SIDE_PX)
+        for x in range(0, width - SIDE_PX + 1, SIDE_PX)
     ]
     known = [one for one in corners if all(np.isfinite(each[one]).all() for each in maps)]
     return [
@@ -99,6 +113,11 @@ def noise(disparity: NDArray) -> list[float]:
     columns = [(off[lag:] * off[:-lag]).mean() / off.var() for lag in LAGS_PX]
     equal = [(np.diff(disparity, axis=axis) == 0).mean() for axis in (1, 0)]
     return [float(one) for one in (off.std(), *rows, *columns, *equal)]
+
+
+def spread(disparity: NDArray) -> float:
+    """Deviation of what is off the plane."""
+    return float(off_plane(disparity).std())
 
 
 def off_plane(disparity: NDArray) -> NDArray:

@@ -230,7 +230,7 @@ class Traced:
         )
 
     def _radiance(self, hits: _Hits, steps: Steps, emitter: int | None) -> Any:
-        """As `sim.projection.projected`, with the points attached to the parameters."""
+        """As `sim.projection.Beam.returned`, with the points attached to the parameters."""
         mi, dr = backend.mitsuba(), backend.drjit()
         rig = self._rig(steps)
         point = rig.point(hits.pixel, hits.point, hits.normal)

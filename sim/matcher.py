@@ -122,7 +122,7 @@ Engine = SemiGlobalBlock | Block | CensusSemiGlobal
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Refinement:
-    """What is done to the disparities after the winner is known. 0 or 1 px switches a step off."""
+    """What is done to the disparities after the winner is known. A filter of 0 or 1 px is off."""
 
     median_px: int = 0  # Side of the median filter on all winners: 0, 3 or 5.
     smooth_px: int = 0  # Columns of the window of the jump-preserving mean, odd or 0.

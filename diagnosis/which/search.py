@@ -329,8 +329,11 @@ def _in_place(
     """
     own, over = _own(number, model, trial)
     given = model.made(without=number)
-    others = (trial.fit(one, given=given, over=over) for one in model.others(signatures))
-    rest = worth(others, trial.threshold)
+    # What is made together may explain much without any of them: none is worth a look for that.
+    likely = worth(
+        (trial.fit(one, given=given) for one in model.others(signatures)), trial.threshold
+    )
+    rest = [trial.fit(one.signature, given=given, over=over) for one in likely]
     if not trial.explained(model.made()):
         return own, rest
     signatures = [one.signature for one in rest]

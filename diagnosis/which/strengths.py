@@ -32,9 +32,10 @@ def coarse(candidate: Candidate) -> list[Value]:
 
     A strong one alone would do for effects that grow in proportion; but few do. Of ranges that end
     far beyond it, as those of dark current, the end is tried as well, and of all filters behind a
-    matcher: a limit of depth tells nothing of those beyond it. Where each has to
-    be rendered, or pairs searched anew, which takes most of the time, it is one in the middle, of
-    whole numbers too, but for ranges so wide that the middle tells nothing of their beginning.
+    matcher that read captured images: a limit of depth tells nothing of those beyond it. Where each
+    has to be rendered, or pairs searched anew, which takes most of the time, it is one in the
+    middle, of whole numbers too, but for ranges so wide that the middle tells nothing of their
+    beginning.
     """
     slow = bool(candidate.effect.rerender) or _searches(candidate)
     if not candidate.numeric or (candidate.whole and not slow):

@@ -28,6 +28,14 @@ class Ellipse:
     def __getitem__(self, box: Box) -> Ellipse:
         return Ellipse(xx=self.xx[box], yy=self.yy[box], xy=self.xy[box])
 
+    def where(self, inside: NDArray[np.bool_]) -> Ellipse:
+        """The same spots there, elsewhere the smallest of these: no width is mixed in for it."""
+        least = np.argmin(np.where(inside, self.xx + self.yy, np.inf))
+        xx, yy, xy = (
+            np.where(inside, one, one.ravel()[least]) for one in (self.xx, self.yy, self.xy)
+        )
+        return Ellipse(xx=xx, yy=yy, xy=xy)
+
     def times(self, factor: float) -> Ellipse:
         """The same spots, larger: variances by a factor."""
         return Ellipse(xx=factor * self.xx, yy=factor * self.yy, xy=factor * self.xy)
@@ -126,7 +134,7 @@ def ellipses_within(image: Image, spots: Ellipse, inside: NDArray[np.bool_]) -> 
     if not inside.any() or float((spots.xx + spots.yy)[inside].max()) == 0.0:
         return image
     box = _box(inside)
-    cut = spots[box]
+    cut = spots[box].where(inside[box])
     return _kept_within(image, inside, box, lambda light: scatter_ellipses(light, cut))
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import os
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -95,18 +94,19 @@ def from_table(table: dict[str, Any]) -> Sensor:
         table["right"] = table["left"]
     chosen = table.get("matcher")
     if isinstance(chosen, dict) and "setting" in chosen:
-        stock = matcher.named(chosen["setting"])
-        for path, value in _edits(chosen):
-            if path != "setting":
-                stock = structure.edit(stock, path, value)
-        table["matcher"] = structure.to_table(stock)
+        stock = structure.to_table(matcher.named(chosen["setting"]))
+        told = {path: value for path, value in chosen.items() if path != "setting"}
+        table["matcher"] = _edited(stock, told)
     return structure.from_table(Sensor, table)
 
 
-def _edits(table: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Path and value of all that a table sets; of one with a `kind` the whole."""
-    for name, value in table.items():
-        if isinstance(value, dict) and "kind" not in value:
-            yield from ((f"{name}.{path}", inner) for path, inner in _edits(value))
-        else:
-            yield name, value
+def _edited(stock: dict[str, Any], told: dict[str, Any]) -> dict[str, Any]:
+    """A table with all that another tells of it; only the whole has to be possible."""
+    table = dict(stock)
+    for path, value in told.items():
+        name, _, rest = path.partition(".")
+        new, old = {rest: value} if rest else value, table.get(name)
+        if isinstance(new, dict) and isinstance(old, dict) and "kind" not in new:
+            new = _edited(old, new)
+        table[name] = new
+    return table

@@ -33,6 +33,8 @@ from tests.unit.diagnosis.made_gaps import (
     trial,
 )
 
+_IDLE = ("gamma", "prnu", "dsnu")
+
 
 @pytest.mark.parametrize("share, first", [(1.0, "exposure"), (0.9, "nir_reflectance")])
 def test_of_equals_the_sensor_s_own_comes_before_the_scene_s(share, first):
@@ -234,3 +236,14 @@ def test_where_what_gains_most_in_a_place_cannot_be_set_the_next_is_put_there():
     assert model is not None
     found = search._exchanged(model, asked, [MADE["veil"], made["dsnu"]])
     assert set(found.settings) == {"dsnu", "crosstalk"}
+
+
+def test_what_does_nothing_is_no_rival_of_effects_that_strengthen_each_other():
+    """What two make together is gained over either alone, whatever is put in the other's place."""
+    idle = {name: Signature(candidate(name), VALUES, 0 * MADE["veil"].change) for name in _IDLE}
+    bench, truth = FakeBench({**MADE, **idle}, together=1.0), {"lens_blur": 0.1, "crosstalk": 0.1}
+    likelihood = likelihood_of(truth, 9, bench=bench)
+    closer = [fit(one, likelihood, HELD) for one in bench.made.values()]
+    found = search.search(trial(bench, likelihood, explained_below=0.6), closer, [])
+    assert set(found.settings) == set(truth)
+    assert not {one.name for each in found.accepted for one in each.rivals} & idle.keys()

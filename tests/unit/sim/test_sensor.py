@@ -11,7 +11,7 @@ import pytest
 from patterns.errors import InputError
 from sim import asked_sensor, capture_info, sensor_edits, sensors
 from sim.capture_writer import info_of
-from sim.matcher import Block, named
+from sim.matcher import Block, CensusSemiGlobal, named
 from sim.parts.emitter import Emitter
 from sim.sensor import Imager, Lens, Post, Projector, Sensor
 
@@ -82,6 +82,25 @@ def test_a_table_beside_a_setting_edits_what_it_tells(told: dict) -> None:
     engine = {"engine": {"kind": "Block"}}
     other = sensors.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **engine}}).matcher
     assert other == dataclasses.replace(stock, engine=Block())
+
+
+@pytest.mark.parametrize("penalties", [(60.0, 100.0), (6.0, 8.0)])
+def test_only_the_whole_of_an_edited_setting_has_to_be_possible(
+    penalties: tuple[float, float],
+) -> None:
+    """Whichever is told first: one alone may not go with what the setting has."""
+    told = dict(zip(("small_penalty", "large_penalty"), penalties, strict=True))
+    for engine in (told, dict(reversed(told.items()))):
+        edited = sensors.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", "engine": engine}})
+        found = edited.matcher.engine
+        assert isinstance(found, CensusSemiGlobal)
+        assert (found.small_penalty, found.large_penalty) == penalties
+
+
+@pytest.mark.parametrize("told", [{"refinement": 3}, {"search_px": {"most": 3}}])
+def test_a_part_that_is_edited_stays_a_part(told: dict) -> None:
+    with pytest.raises(InputError, match=r"matcher\.(refinement|search_px) must be"):
+        sensors.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **told}})
 
 
 def test_presets_of_the_d4_family_have_its_matcher() -> None:

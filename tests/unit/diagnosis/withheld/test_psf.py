@@ -81,6 +81,22 @@ def test_ellipses_have_their_covariance(angle: float, across: float, stretch: fl
     assert (out * x**4).sum() > 3.2 * wanted[0, 0] ** 2
 
 
+def test_what_lies_outside_a_region_has_no_say_in_its_spots() -> None:
+    """Pixels without a surface have spots of no width, which would coarsen the widths mixed."""
+    rng = np.random.default_rng(0)
+    inside = np.zeros((40, 60), bool)
+    inside[5:35, 8:40] = True
+    inside[15:20, 20:25] = False
+    own = 1.0 + 0.2 * rng.random(inside.shape)
+    image = np.where(inside, rng.random(inside.shape), 0.0)
+    found = [
+        spread.ellipses_within(image, spread.Ellipse(xx=of, yy=of, xy=0.1 * of), inside)
+        for of in (own, np.where(inside, own, 0.0), np.where(inside, own, 9.0))
+    ]
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[0], found[2])
+
+
 def test_spread_within_a_body_keeps_what_is_even() -> None:
     inside = np.zeros((20, 30), bool)
     inside[5:15, 8:20] = True
