@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 
 from diagnosis import detection
+from diagnosis.which.candidates import Arm
+from tests.unit.diagnosis.made_gaps import BASE, HELD, MADE, ONES, FakeBench, noise
 
 
 def test_limits_hold_in_every_set():
@@ -77,3 +79,29 @@ def test_no_more_is_simulated_than_a_limit_takes(monkeypatch: pytest.MonkeyPatch
     assert on_devices(monkeypatch, 30.0)[0] is None
     assert on_devices(monkeypatch, 2.0, whole=True) == (2.0, [1.0, 2.0])
     assert on_devices(monkeypatch, 4.0, whole=True) == (4.0, [1.0, 2.0, 3.0, 5.0, 4.0])
+
+
+@pytest.mark.parametrize("count, found", [(4, True), (2, True), (1, False)])
+def test_half_of_the_devices_have_to_show_it(
+    count: int, found: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """And the sensor of each has to be able to have it; of matcher and filters none is drawn."""
+    shown = FakeBench().change({"veil": 0.5})
+    assert shown is not None
+    numbers = list(detection._DEVICES)
+
+    def another(*_: Any, number: int) -> tuple[Any, Any]:
+        return BASE, noise(number) + (shown if number in numbers[:count] else 0.0)
+
+    monkeypatch.setattr(detection.null, "another", another)
+    screen: Any = SimpleNamespace(base=BASE, weight=ONES, folds=tuple(HELD), threshold=12.0)
+    image, depth = (SimpleNamespace(arm=arm) for arm in (Arm.IMAGE, Arm.DEPTH))
+    ask: Any = detection._found_on_devices
+    assert ask(MADE["veil"], 0.5, image, screen) == found
+    assert ask(MADE["veil"], 0.5, depth, screen)
+
+    def refused(*_: Any, number: int) -> tuple[Any, Any] | None:
+        return None if number == numbers[-1] else another(number=numbers[0])
+
+    monkeypatch.setattr(detection.null, "another", refused)
+    assert not ask(MADE["veil"], 0.5, image, screen)

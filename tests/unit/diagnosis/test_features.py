@@ -202,3 +202,48 @@ def test_depth_in_whole_units_keeps_holes_and_moves_little():
     assert found[0, 0, 2] == pytest.approx(scale / 1.0)
     step = 10.0**2 * sensor.post.depth_unit_m / scale
     assert abs(found[0, 0, 1] - 10.0) <= 0.51 * step
+
+
+def test_bins_have_the_names_of_what_lies_in_them():
+    def bins(ground: Ground, name: str, where: np.ndarray) -> set[str]:
+        covariate = ground.covariates[name]
+        return {covariate.bins[label] for label in covariate.label[where & ground.counted]}
+
+    y, x = np.indices(DISPARITY.shape)
+    rising = made((6 + 6 * y / HEIGHT).astype(np.float32))
+    for third, word in enumerate(("far", "middle", "near")):
+        rows = np.abs(y / HEIGHT - (third + 0.5) / 3) < 0.15
+        assert bins(rising, "depth", rows) == {word}
+    for name, value, words in (
+        ("x", x / WIDTH, ("left", "centre", "right")),
+        ("y", y / HEIGHT, ("top", "middle", "bottom")),
+        ("radius", np.hypot(x - 119.5, y - 79.5) / np.hypot(120, 80), ("centre", "ring", "corner")),
+    ):
+        for third, word in enumerate(words):
+            assert bins(GROUND, name, np.abs(value - (third + 0.5) / 3) < 0.1) == {word}
+    ordered = np.argsort(np.where(GROUND.counted, EXPECTED, np.nan), axis=None)
+    ordered = ordered[: np.count_nonzero(GROUND.counted)]
+    for number, word in enumerate(("1/4", "2/4", "3/4", "4/4")):
+        quarter = np.zeros(EXPECTED.size, bool)
+        quarter[ordered[number * len(ordered) // 4 :][: len(ordered) // 4 - 9]] = True
+        assert word in bins(GROUND, "expected", quarter.reshape(EXPECTED.shape))
+    level = cv2.blur(EXPECTED, (31, 31))
+    dark, bright = np.quantile(level[GROUND.counted], (0.3, 0.7))
+    assert bins(GROUND, "level", level < dark) == {"dark"}
+    assert bins(GROUND, "level", level > bright) == {"bright"}
+    for part in range(8):
+        flat = made(np.full_like(DISPARITY, 8 + (part + 0.5) / 8))
+        assert bins(flat, "fraction", flat.counted) == {f"{part}/8"}
+
+
+@pytest.mark.parametrize("degrees, word", [(20, "facing"), (50, "slanted"), (72, "grazing")])
+def test_a_wall_that_leans_is_seen_at_its_angle(degrees: float, word: str):
+    """Law: disparity of a plane is linear in the pixel; in the middle the ray is the axis."""
+    x = (np.arange(WIDTH) - INFO.cx_px) / INFO.fx_px
+    tilt = np.tan(np.radians(degrees))
+    disparity_px = np.float32(8) * (1 + tilt * x).clip(0.05) * np.ones(DISPARITY.shape)
+    found = made(disparity_px.astype(np.float32)).covariates["incidence"]
+    middle = found.label[60:100, WIDTH // 2 - 3 : WIDTH // 2 + 3]
+    assert {found.bins[label] for label in middle.ravel()} == {word}
+    value = found.value
+    assert value is not None and value[80, 120] == pytest.approx(degrees, abs=1.5)

@@ -148,3 +148,49 @@ def test_scenes_without_a_figure_are_left_out():
     before, after, floor = ([{"a": v}, {"a": nan}, {"a": v}] for v in (2.0, 1.0, 0.0))
     assert closed(before, after, floor, ROOMS)["a"].closed_pct == pytest.approx(50)
     assert closed([{"a": nan}], [{"a": 1.0}], [{"a": 0.0}], ROOMS[:1]) == {}
+
+
+def of_levels(images: np.ndarray, seed: int = 0) -> Reading:
+    return Reading(left=images, right=images, ours_px=reading(seed).ours_px, device_px=None)
+
+
+def test_noise_in_time_is_the_logarithm_of_a_ratio():
+    rng = np.random.default_rng(0)
+    shape = (4, *DISPARITY.shape)
+
+    def noisy(sigma: float) -> Reading:
+        return of_levels(np.rint(100 + sigma * rng.standard_normal(shape)).astype(np.uint8))
+
+    simulated = [noisy(4.0) for _ in range(3)]
+    for sigma in (8.0, 2.0):
+        found = distances(noisy(sigma), simulated, GROUND)
+        assert found["log_noise_in_time"] == pytest.approx(np.log(2), abs=0.03)
+
+
+def test_contrast_of_dots_is_the_difference_of_both_contrasts():
+    dots = GROUND.covariates["dots"]
+    on, between = dots.where("on dots"), dots.where("between")
+
+    def lit(dot: int, rest: int) -> Reading:
+        image = np.select([on, between], [dot, rest], 50)[None].astype(np.uint8)
+        return of_levels(image)
+
+    found = distances(lit(60, 40), [lit(90, 30) for _ in range(2)], GROUND)
+    assert found["dot_contrast"] == pytest.approx(60 / 120 - 20 / 100, abs=1e-6)
+
+
+def test_likelihood_of_infrared_is_that_of_its_own_noise():
+    """Law: of normal pixels with the draws' variance it is (log 2 pi sigma^2 + 1) / 2 each."""
+    rng = np.random.default_rng(0)
+    ramp = np.linspace(60, 120, DISPARITY.shape[1]) * np.ones(DISPARITY.shape)
+
+    def taken(sigma: float) -> Reading:
+        image = ramp + sigma * rng.standard_normal(ramp.shape)
+        return of_levels(np.rint(image)[None].astype(np.uint8))
+
+    draws = [taken(5.0) for _ in range(24)]
+    variance = 25 + 1 / 12
+    for sigma in (5.0, 10.0):
+        found = distances(taken(sigma), draws, GROUND)["infrared_nll"]
+        off = (sigma**2 + 1 / 12 + variance / 24) / variance
+        assert found == pytest.approx(0.5 * (np.log(2 * np.pi * variance) + off), abs=0.02)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from diagnosis.limits import limits_of
-from diagnosis.nuisances import SCALE, Nuisance
+from diagnosis.nuisances import SCALE, SHIFT, TURN, Nuisance
 from diagnosis.which.candidates import Arm
 from sim import sensors
 from sim.imager.exposure import Exposure
@@ -137,3 +137,18 @@ def test_of_two_sets_the_sensor_is_checked_against_the_other():
     assert "The other set's captures say that they are of a d415" in told(
         pair(own, own), device="d415"
     )
+
+
+def test_how_far_references_were_moved_is_told_in_millimetres_and_degrees():
+    """The largest of all scenes, each by the length of its three numbers."""
+
+    def moved(turn: tuple[float, ...], shift: tuple[float, ...]) -> Any:
+        one = scene()
+        values = [*zip(TURN, turn, strict=True), *zip(SHIFT, shift, strict=True)]
+        one.nuisances = {name: Nuisance(common=0.0, own=value) for name, value in values}
+        return one
+
+    text = told(moved((0.03, 0.04, 0.0), (0.0, 0.001, 0.0)), moved((0.0,) * 3, (0.003, 0.0, 0.004)))
+    assert "References were moved" in text
+    assert "by up to 5.0 mm and 0.05 degree" in text
+    assert "References were moved" not in told(scene())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis.which.arm import Screen
-from diagnosis.which.noticed import Noticed, least, noticed
+from diagnosis.which.noticed import Noticed, enough, least, noticed
 from diagnosis.which.signature import Signature
 from tests.unit.diagnosis import test_fit as made
 
@@ -62,3 +62,11 @@ def test_more_steps_tell_it_closer(steps):
     finest = least(BLUR, screen(BLUR), upwards=True, steps=32)
     assert isinstance(found, float) and isinstance(finest, float)
     assert 0 <= found - finest <= max(np.diff(made.VALUES)) / steps + 1e-9
+
+
+def test_half_of_the_readings_have_to_show_it():
+    of = made.MADE["veil"]
+    shown, not_shown = (made.likelihood_of(told, 7) for told in ({"veil": 0.5}, {}))
+    asked = screen(of)
+    assert enough(of, [shown, shown, not_shown, not_shown], asked)
+    assert not enough(of, [shown, not_shown, not_shown, not_shown], asked)

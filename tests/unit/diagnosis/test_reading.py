@@ -136,3 +136,21 @@ def test_noise_weaker_than_half_a_code_turns_as_many_codes_as_it_would():
     assert found is not None
     share = float(np.sqrt(2 / np.pi)) * 0.1
     assert (found != 80).mean() == pytest.approx(share, rel=0.25)
+
+
+@pytest.mark.parametrize("level, shot", [(80, 1.0), (80, 0.6), (20, 0.6)])
+def test_one_more_exposure_has_the_noise_of_photon_transfer(level: int, shot: float):
+    """Law: its variance is shot^2 g S + (g r)^2, S being the signal above black [DN]."""
+    edits = [("imager.shot_noise", shot), ("imager.read_noise_e", 9.0), ("imager.gain", 2.0)]
+    device = with_values(SENSOR, [*edits, ("imager.black_level_dn", 6.0)])
+    flat = np.full((1, 400, 400), level, np.uint8)
+    still = reading.Reading(left=flat, right=flat, ours_px=None, device_px=None)
+    first, second = (
+        reading.exposed_again(still, device, np.random.default_rng(seed)) for seed in (3, 4)
+    )
+    scale = device.left.dn_per_electron
+    wanted = shot**2 * scale * (level - 6.0) + (scale * 9.0) ** 2
+    for one, other in ((first.left, second.left), (first.right, second.right)):
+        assert one is not None and other is not None
+        twice = (one[0].astype(float) - other[0]).var()
+        assert twice / 2 - 1 / 12 == pytest.approx(wanted, rel=0.05)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -247,3 +248,19 @@ def test_what_does_nothing_is_no_rival_of_effects_that_strengthen_each_other():
     found = search.search(trial(bench, likelihood, explained_below=0.6), closer, [])
     assert set(found.settings) == set(truth)
     assert not {one.name for each in found.accepted for one in each.rivals} & idle.keys()
+
+
+def test_a_rival_is_what_gains_nearly_as_much_or_about_as_much_room_by_room():
+    """One that gains more in all rooms but one may be as good; one that gains less in all not."""
+
+    def gaining(name: str, *gain: float) -> Any:
+        return SimpleNamespace(name=name, gain=np.array(gain), total=float(np.sum(gain)))
+
+    asked: Any = SimpleNamespace(rooms=[str(room) for room in range(8)], threshold=12.0)
+    own = gaining("own", *[20.0] * 8)
+    better = gaining("better but for one room", *[21.0] * 7, -20.0)
+    less = gaining("less in all", *[15.0] * 8)
+    nearly = gaining("nearly as much", *[18.2] * 8)
+    assert search._rivals(own, [less, better], asked) == (better,)
+    assert search._rivals(own, [better, less, nearly], asked) == (nearly, better)
+    assert search._rivals(own, [gaining("nothing", *[0.0] * 8)], asked) == ()

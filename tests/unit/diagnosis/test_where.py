@@ -18,6 +18,7 @@ from sim.scenes import builtin
 from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, made
 
 SCENES = 6
+AXES = (np.linspace(-0.5, 0.9, 240), np.linspace(-0.2, 0.6, 160))  # Across and down a field.
 ROOMS = [f"room {number}" for number in range(SCENES)]
 
 
@@ -310,3 +311,34 @@ def test_where_nothing_is_scored_there_are_no_errors():
     one = readings(0, 0.02, None)[:1]
     found = swap.swap(one, one, [left], ["hall"])
     assert found["nmad_px"].base is None and found["ndp_rate"].base is not None
+
+
+def test_maps_have_the_gap_s_sign_and_the_projector_s_axes():
+    """Farther to the right and down in its field a point lies farther right and down in its map."""
+    more = dataclasses.replace(
+        GROUND, projector=np.stack(np.meshgrid(*AXES), axis=-1).astype(np.float32)
+    )
+    assert (np.abs(more.projector) < 1).all()
+    step = (0.2 * (more.projector[..., 0] > 0.25)).astype(np.float32)
+
+    def off(one: Reading, by: np.ndarray | float) -> Reading:
+        assert one.ours_px is not None
+        return dataclasses.replace(one, ours_px=one.ours_px + np.float32(by))
+
+    plain = [pair_of(scene, 1.0, 0.0) for scene in range(SCENES)]
+    for by, sign in ((0.2, 1), (-0.2, -1)):
+        real = [off(pair_of(50 + scene, 1.0, 0.0), by) for scene in range(SCENES)]
+        found = maps_of.maps(plain, real, [GROUND] * SCENES, ROOMS)
+        (error,) = (one for one in found if (one.quantity, one.frame) == ("error", "camera"))
+        assert np.nanmean(error.mean) == pytest.approx(by, abs=0.01)
+        known = error.deviations[np.isfinite(error.deviations)]
+        assert (sign * known > 3).all()
+    real = [off(pair_of(50 + scene, 1.0, 0.0), step) for scene in range(SCENES)]
+    found = maps_of.maps(plain, real, [more] * SCENES, ROOMS)
+    (error,) = (one for one in found if (one.quantity, one.frame) == ("error", "projector"))
+    column = int((0.25 + 1) / 2 * maps_of.COLUMNS)
+    assert np.nanmax(np.abs(error.mean[:, : column - 1])) < 0.06
+    assert np.nanmin(error.mean[:, column + 1 :]) > 0.14
+    first, last = np.flatnonzero(np.isfinite(error.mean).any(axis=1))[[0, -1]]
+    rows = [(end + 1) / 2 * maps_of.ROWS for end in (AXES[1][0], AXES[1][-1])]
+    assert (first, last) == (int(rows[0]), int(rows[1]))

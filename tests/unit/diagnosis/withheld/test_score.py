@@ -285,14 +285,28 @@ def test_goals(tier: int) -> None:
     worst = {key: -value if key != "coverage" else 0.98 for key, value in best.items()}
     assert all(goal["reached"] is False for goal in goals(tier, worst).values())
     assert all(goal["reached"] is None for goal in goals(tier, _Of(None)).values())
-    asked = {key: goal["asked"] for key, goal in goals(tier, best).items()}
-    assert asked["coverage"] == "0.80 to 0.97"
     own = tier in (1, 3)  # The diagnosis shares renderer and matcher.
-    assert asked["parameter_error_pct"] == ("<= 12 %" if own else "<= 30 %")
-    assert asked["closed_pct"] == (">= 85 %" if own else ">= 60 %")
+    assert {key: goal["asked"] for key, goal in goals(tier, best).items()} == {
+        "top1": ">= 0.90" if own else ">= 0.75",
+        "in_set": ">= 0.97" if own else ">= 0.92",
+        "set_size": "<= 1.60" if own else "<= 2.50",
+        "parameter_error_pct": "<= 12 %" if own else "<= 30 %",
+        "coverage": "0.80 to 0.97",
+        "false_alarm": "<= 0.05" if own else "<= 0.10",
+        "pairs_both": ">= 0.75" if own else ">= 0.55",
+        "unknown_recall": ">= 0.85" if own else ">= 0.70",
+        "unknown_false": "<= 0.05" if own else "<= 0.15",
+        "closed_pct": ">= 85 %" if own else ">= 60 %",
+    }
     bound = {"top1": 0.90 if own else 0.75, "false_alarm": 0.05 if own else 0.10}
     for key, value in bound.items():
         assert goals(tier, {**best, key: value})[key]["reached"] is True
+    depth = goals(tier, best | {"answered": 1.0, "top1_of_answered": 1.0}, infrared=False)
+    assert {key: goal["asked"] for key, goal in depth.items()} == {
+        "answered": ">= 0.60",
+        "top1_of_answered": ">= 0.70",
+        "false_alarm": "<= 0.05",
+    }
 
 
 class _Of(dict[str, Any]):

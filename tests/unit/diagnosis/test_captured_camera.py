@@ -1,0 +1,17 @@
+"""What the check on withheld effects is told of a real camera."""
+
+from __future__ import annotations
+
+from diagnosis import captured_camera
+from sim import sensors
+from sim.effects import setting
+from sim.scenes import builtin
+
+
+def test_effects_that_a_camera_has_are_those_off_their_neutral():
+    ideal, _ = setting.ideal(sensors.load("d435"), builtin.clutter(0))
+    of_the_scene = captured_camera._has(ideal)
+    assert set(of_the_scene) <= {"ambient", "ambient_gradient"}
+    has = {"vignetting": 0.3, "gamma": 1.1, "pixel_locking": 0.05}
+    sensor, _ = setting.apply(ideal, builtin.clutter(0), has)
+    assert captured_camera._has(sensor) == sorted({*has, *of_the_scene})
