@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 
-from calibration.depth import depth_figures, depth_only
+from calibration.depth import depth_figures, depth_geometry, depth_only
 from calibration.depth.depth_twin import twin
+from calibration.depth.disparity_scale import DisparityPair
 from calibration.observation import Observation
 from patterns import InputError
 from sim import capture_writer, scenes, sensors, simulate
@@ -203,3 +205,39 @@ def test_a_reference_of_another_scale_is_refused() -> None:
     seen = _blank(depth_m=np.full((180, 320), 2.0, np.float32))
     with pytest.raises(InputError, match=r"depth of a must be the reference's .*; got 2 times it"):
         depth_only.fit_depth([seen], _preset(320))
+
+
+def test_settling_finds_a_known_offset_and_scale() -> None:
+    """Of a slanted surface that both cameras see, the believed one off by both."""
+    down, along = np.mgrid[0:1:240j, 0:1:320j]
+    truth_px = (12 + 30 * (0.4 * down + 0.6 * along)).astype(np.float32)
+    noise = np.random.default_rng(0).normal(0, 0.02, truth_px.shape).astype(np.float32)
+    start = {"baseline_error": 0.0, "disparity_offset": 0.1}
+    sensor = setting.on_sensor(sensors.load("d435"), start)
+    device = setting.on_sensor(sensor, {"baseline_error": 0.01, "disparity_offset": 0.4})
+
+    class Drawn:
+        """Depth as both numbers have it."""
+
+        def reading(self, of: Sensor) -> np.ndarray:
+            offset_px = of.right.alignment.offset_x_px
+            return (truth_px * (1 + of.baseline_error) - offset_px).astype(np.float32)
+
+        def rendered(self, of: Sensor) -> Drawn:
+            return self
+
+        def beside(self, expected_px: np.ndarray) -> DisparityPair:
+            return DisparityPair(
+                name="a",
+                room="a",
+                device_px=self.reading(device) + noise,
+                truth_px=truth_px,
+                expected_px=expected_px,
+                step_m=1e-5,
+                focal_baseline_px_m=24.0,
+            )
+
+    drawn: Any = [Drawn()]
+    found = depth_geometry.settle(drawn, sensor, ("scale", "offset")).sensor
+    assert found.baseline_error == pytest.approx(0.01, abs=5e-4)
+    assert found.right.alignment.offset_x_px == pytest.approx(0.4, abs=0.02)

@@ -158,3 +158,10 @@ def test_what_cannot_be_judged_is_refused_in_one_line(call, message):
     with pytest.raises(InputError, match=message) as caught:
         call()
     assert "\n" not in str(caught.value)
+
+
+def test_the_worst_room_has_the_most_of_what_is_better_small():
+    good, bad = judged([0.1, 0.9], [0, 1]), judged([0.9, 0.1], [0, 1])
+    rooms = classification.by_room([("a", good), ("b", bad)])
+    assert rooms["a"] != rooms["b"]
+    assert classification.worst(rooms) == rooms["b"]

@@ -202,3 +202,14 @@ def test_unknown_pixels_take_the_nearest_known():
 def test_what_cannot_be_measured_is_refused(call, message):
     with pytest.raises(InputError, match=message):
         call()
+
+
+def test_a_slanted_surface_keeps_its_disparity_up_to_an_edge():
+    row, column = np.mgrid[0:40, 0:60].astype(np.float32)
+    step = np.where((column > 30) | (row > 20), 20, 0)
+    disparity_px = (10 + 0.1 * column - 0.2 * row + step).astype(np.float32)
+    found = surface_planes(disparity_px, np.ones(disparity_px.shape, bool)).disparity_px
+    beside = (row > 5) & (row < 14) & (column > 25) & (column < 36)
+    below = (column > 5) & (column < 24) & (row > 15) & (row < 26)
+    for where in (beside, below):
+        assert_allclose(found[where], disparity_px[where], atol=0.01)

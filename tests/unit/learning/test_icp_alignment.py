@@ -96,3 +96,12 @@ def test_disturbances_that_cannot_be_are_refused():
         Disturbance(most_m=-0.1)
     with pytest.raises(InputError, match=r"most_deg must be in \[0, 180\]; got 181"):
         Disturbance(most_deg=181)
+
+
+def test_normals_turn_with_their_cloud():
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], (1, 2, 3)
+    along = np.array([[1.0, 0.0, 0.0]])
+    moved = cloud.Cloud(point_m=along, normal=along).moved(motion)
+    np.testing.assert_allclose(moved.point_m, [[1, 3, 3]])
+    np.testing.assert_allclose(moved.normal, [[0, 1, 0]])

@@ -97,3 +97,22 @@ def test_round_spots_go_and_stripes_stay():
     assert np.std(dots_off.removed(30 + spots)[12:-12, 12:-12]) < 0.2 * np.std(spots)
     kept = dots_off.removed(stripes)
     assert np.corrcoef(kept.ravel(), stripes.ravel())[0, 1] == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_slanted_plane_becomes_its_own_triangles() -> None:
+    """Vertices lie on it, see their place in the image, and turn to the camera."""
+    intrinsics = np.array([[100.0, 0, 4.3], [0, 110.0, 3.1], [0, 0, 1]])
+    row, column = np.mgrid[0:7, 0:9].astype(np.float32)
+    disparity_px = (20 + 0.2 * column - 0.2 * row).astype(np.float32)
+    mesh = depth_mesh.triangles(disparity_px, intrinsics, 10.0)
+    x, y, z = mesh.vertices.T.astype(float)
+    column, row = 100 * x / z + 4.3, 110 * y / z + 3.1
+    np.testing.assert_allclose(10.0 / z, 20 + 0.2 * column - 0.2 * row, rtol=1e-5)
+    assert mesh.uv is not None and mesh.normals is not None
+    expected = np.stack([(column + 0.5) / 9, (row + 0.5) / 7], axis=1)
+    np.testing.assert_allclose(mesh.uv, expected, atol=1e-5)
+    normal = -np.array([100 * 0.2, 110 * -0.2, 20 + 0.2 * 4.3 - 0.2 * 3.1])
+    normal /= np.linalg.norm(normal)
+    np.testing.assert_allclose(mesh.normals, np.tile(normal, (63, 1)), atol=2e-3)
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
+    assert ((np.cross(b - a, c - a) * normal).sum(axis=1) > 0).all()

@@ -338,3 +338,52 @@ def test_blur_keeps_light_and_is_neutral_at_zero():
 def test_refusals(field, value):
     with pytest.raises(InputError, match=rf"imager\.{field} must"):
         Imager(**{field: value})
+
+
+def drawn(*, side: str = "left", frame: int = 0, **noise: float) -> np.ndarray:
+    """Codes of even light by an imager with one noise alone."""
+    part = Imager(bit_depth=16, full_well_e=10000.0, shot_noise=0.0, read_noise_e=0.0)
+    part = dataclasses.replace(part, **noise)
+    light = np.full((64, 80), 3000, np.float32)
+    told: Any = {"exposure_s": 0.01, "unit": 1, "side": side, "seed": 3, "frame": frame}
+    return imager.read_out(part, light, **told).delivered.astype(float).ravel()
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        {"read_noise_e": 30.0},
+        {"row_noise_e": 30.0},
+        {"column_noise_e": 30.0},
+        {"dsnu_e": 30.0},
+        {"prnu": 0.1},
+        {"shot_noise": 1.0},
+    ],
+)
+def test_the_imagers_of_a_pair_share_no_noise(noise: dict[str, float]) -> None:
+    """What both had a matcher would take for texture at no disparity."""
+    one, other = (drawn(side=side, **noise) for side in ("left", "right"))
+    assert one.std() > 0 and abs(np.corrcoef(one, other)[0, 1]) < 0.5
+
+
+def test_rows_are_drawn_anew_each_frame() -> None:
+    one, other = (drawn(frame=frame, row_noise_e=30.0) for frame in (0, 1))
+    assert abs(np.corrcoef(one, other)[0, 1]) < 0.5
+
+
+def test_averaging_of_a_bent_curve_is_cut_at_the_ceiling() -> None:
+    """What is above it before averaging is no more than it: its root is left above black."""
+    part = Imager(
+        bit_depth=16,
+        gain=1.0,
+        full_well_e=65535.0,
+        gamma=2.0,
+        smoothing_px=1.0,
+        black_level_dn=16384.0,
+    )
+    dot = np.zeros((31, 31), np.float32)
+    dot[15, 15] = 65535.0
+    share = smoothing.smoothed((dot > 0).astype(np.float32), 1.0)[15, 15]
+    most = 65535 * 0.75**2
+    expected = 65535 * np.sqrt(most * share / 65535) + 16384
+    assert converter.converted(part, dot).delivered[15, 15] == pytest.approx(expected, rel=2e-3)

@@ -119,3 +119,10 @@ def test_opencv_s_engine_is_pulled_and_stepped_too(slanted):
     found = plain.disparity_px[plain.valid].astype(float)
     error = pulled.disparity_px[plain.valid] - found
     np.testing.assert_allclose(error, -0.1 * np.sin(2 * np.pi * found), atol=1e-5)
+
+
+def test_a_lone_disparity_outlives_the_median() -> None:
+    alone = np.full((9, 9), np.nan, np.float32)
+    alone[4, 4] = 12.0
+    out = subpixel.refine(alone, Refinement(median_px=3, smooth_px=1))
+    assert out[4, 4] == 12.0 and np.isnan(out).sum() == 80

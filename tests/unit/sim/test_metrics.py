@@ -83,3 +83,18 @@ def test_what_cannot_be_compared_is_refused():
         metrics.disparity_figures(truth, truth, np.zeros(truth.shape, bool))
     with pytest.raises(InputError, match="must share one shape"):
         metrics.disparity_figures(truth, truth, scored, holes_of_px=truth[:5])
+
+
+def test_errors_below_are_bad_and_holes_count_where_asked() -> None:
+    reference = np.full((4, 200), 10.0)
+    ours = reference.copy()
+    ours[0, :50], ours[3, 0] = 8.0, np.nan
+    scored, everywhere = np.ones(reference.shape, bool), np.ones(reference.shape, bool)
+    scored[3] = False
+    whole = metrics.disparity_figures(
+        ours, reference, scored, holes_of_px=reference, holes_where=everywhere
+    )
+    assert whole.bad1_pct == pytest.approx(100 * 50 / 600)
+    assert whole.ndp_iou == 0.0
+    part = metrics.disparity_figures(ours, reference, scored, holes_of_px=reference)
+    assert part.ndp_iou == 1.0

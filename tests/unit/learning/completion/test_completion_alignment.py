@@ -129,3 +129,8 @@ def test_what_cannot_be_aligned_is_missing() -> None:
 def test_an_unknown_target_is_refused() -> None:
     with pytest.raises(InputError, match=r"align must be a known name; got 'turth'\. Known: truth"):
         judged_as("turth", DEPTH, sensor_m=SENSOR, truth_m=DEPTH)
+
+
+def test_a_wall_seen_head_on_has_a_span():
+    found = normalisation(np.full((5, 5), 2.0, np.float32), np.ones((5, 5), bool))
+    assert (found.low_m, found.high_m) == pytest.approx((2.0, 2.02))

@@ -1,0 +1,26 @@
+"""Why a matcher has no disparity: too little texture, occlusion, ambiguity."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.matching import checks, opencv
+
+
+def test_texture_is_in_codes_of_eight_bits() -> None:
+    seen = np.random.default_rng(0).integers(100, 110, (40, 40)).astype(np.uint8)
+    ten = seen.astype(np.uint16) * 4
+    for least in (1.0, 2.9, 6.0):
+        one, other = (checks.texture(pair, least_dn=least) for pair in (seen, ten))
+        assert (one == other).all()
+    assert not checks.texture(ten, least_dn=1.0).any()
+    assert checks.texture(ten, least_dn=6.0).all()
+
+
+def test_holes_of_an_occlusion_disagree_and_others_are_ambiguous() -> None:
+    """Between a nearer and a farther surface lies what one imager alone sees."""
+    hole = np.nan
+    row = np.array([[10, hole, hole, hole, 14, 14, hole, 14, 10, hole, 10, 10]], np.float32)
+    disagree, ambiguous = opencv._causes(row)
+    assert np.flatnonzero(disagree[0]).tolist() == [1, 2, 3]
+    assert np.flatnonzero(ambiguous[0]).tolist() == [6, 9]
