@@ -8,6 +8,7 @@ from scipy import stats
 
 from diagnosis.howfar.closed import closed
 from diagnosis.howfar.distances import distances
+from diagnosis.howfar.holes import figures
 from diagnosis.reading import Reading
 from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, made
 
@@ -194,3 +195,11 @@ def test_likelihood_of_infrared_is_that_of_its_own_noise():
         found = distances(taken(sigma), draws, GROUND)["infrared_nll"]
         off = (sigma**2 + 1 / 12 + variance / 24) / variance
         assert found == pytest.approx(0.5 * (np.log(2 * np.pi * variance) + off), abs=0.02)
+
+
+def test_a_calibrated_guess_has_a_brier_score_and_no_calibration_error():
+    real = np.zeros((10, 100), bool)
+    real[:3] = True
+    found = figures(np.full(real.shape, 0.3, np.float32), real, np.ones(real.shape, bool))
+    assert found["ndp_brier"] == pytest.approx(0.21, abs=1e-4)
+    assert found["ndp_ece"] == pytest.approx(0.0, abs=1e-4)

@@ -13,6 +13,7 @@ from diagnosis.reading import Reading
 from diagnosis.where import maps as maps_of
 from diagnosis.where import rules, swap, table
 from diagnosis.where.materials import materials
+from diagnosis.where.where import where
 from sim.scene import Material
 from sim.scenes import builtin
 from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, made
@@ -342,3 +343,57 @@ def test_maps_have_the_gap_s_sign_and_the_projector_s_axes():
     first, last = np.flatnonzero(np.isfinite(error.mean).any(axis=1))[[0, -1]]
     rows = [(end + 1) / 2 * maps_of.ROWS for end in (AXES[1][0], AXES[1][-1])]
     assert (first, last) == (int(rows[0]), int(rows[1]))
+
+
+def test_scenes_of_one_room_are_no_evidence_of_their_own():
+    """Of two rooms signs agree by chance every other time."""
+    left = GROUND.covariates["x"].where("left")
+    first = [holes(scene) for scene in range(SCENES)]
+    second = [holes(50 + scene, left) for scene in range(SCENES)]
+    rows = table.table(first, second, [GROUND] * SCENES, ["hall"] * 3 + ["attic"] * 3)
+    row = next(row for row in rows if (row.covariate, row.bin) == ("x", "left"))
+    assert row.gap > 0.09 and row.p > 0.4
+
+
+def test_areas_and_shares_are_of_all_counted_pixels():
+    left, right = (GROUND.covariates["x"].where(word) for word in ("left", "right"))
+    chance = np.random.default_rng(0).random(DISPARITY.shape)
+    first, second = right & (chance < 0.06), left & (chance < 0.1)
+    rows = table.table([first] * SCENES, [second] * SCENES, [GROUND] * SCENES, ROOMS)
+    found = {row.bin: row for row in rows if row.covariate == "x"}
+    total = second.sum() - first.sum()
+    for word, net in (("left", second.sum()), ("right", -first.sum()), ("centre", 0)):
+        area = GROUND.covariates["x"].where(word).sum() / GROUND.counted.sum()
+        assert found[word].area == pytest.approx(area)
+        assert found[word].share == pytest.approx(net / total)
+
+
+def test_depth_that_is_off_is_told_apart_from_holes():
+    left = GROUND.covariates["x"].where("left")
+    true = DISPARITY[None]
+    off = true + np.float32(1.5) * left
+
+    def subject(number: int) -> Any:
+        plain, real = (
+            Reading(left=None, right=None, ours_px=one, device_px=None) for one in (true, off)
+        )
+        return SimpleNamespace(
+            name=f"scene {number}",
+            room=f"room {number}",
+            real=real,
+            against=plain,
+            ground=GROUND,
+            scene=SimpleNamespace(bodies=()),
+            estimates=number > 0,
+        )
+
+    found = where([subject(number) for number in range(4)])
+    row = next(row for row in found.off if (row.covariate, row.bin) == ("x", "left"))
+    assert row.gap == pytest.approx(1.0) and row.share == pytest.approx(1.0)
+    assert {body.scene for body in found.bodies} == {"scene 0"}
+    assert all(row.gap == 0 for row in found.rows)
+
+
+def test_a_rule_needs_half_of_what_was_learnt_and_a_least_gap():
+    assert not rules._confirmed(0.1, np.full(4, 0.04)) and rules._confirmed(0.1, np.full(4, 0.06))
+    assert not rules._confirmed(0.004, np.full(4, 0.004))

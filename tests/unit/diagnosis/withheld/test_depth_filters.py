@@ -102,3 +102,11 @@ def test_units() -> None:
     out = filters.in_units(z, 0.01)
     assert np.isnan(out[0, [0, 3, 4]]).all()
     assert out[0, 1:3] == pytest.approx([0.01, 1.0])
+
+
+def test_spatial_filter_acts_on_disparity_with_the_librarys_defaults(camera: Nominal) -> None:
+    scale = camera.focal_baseline_px_m
+    disparity = 20.0 + np.random.default_rng(0).normal(0, 0.6, (25, 33))
+    half = Strengths(nominal=camera, values={"spatial_filter": 0.5})
+    out = filters.process(scale / disparity, half)
+    np.testing.assert_allclose(scale / out, filters.smooth_space(disparity, 0.5, 0.625, 2))

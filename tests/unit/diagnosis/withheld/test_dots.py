@@ -147,3 +147,21 @@ def test_no_dots_is_no_failure(light: Light, camera: Nominal) -> None:
         assert len(found.tangents) == 0
         assert not dots.dropped(view, found, 0.5, _rng()).laser_e.any()
         assert not dots.shifted(view, found, 5.0, 120.0, _rng()).laser_e.any()
+
+
+def test_dots_off_the_axis_move_further_along_it(light: Light, camera: Nominal) -> None:
+    """Law: an angle moves a tangent t by 1 + t^2, each axis by its own."""
+    across, down = np.broadcast_arrays(*camera.tangents())
+    bright = np.exp(-(across**2 + down**2) / (2 * 0.012**2))
+    even = np.full(camera.shape, 100.0)
+
+    def moved(at: float) -> np.ndarray:
+        few = Dots(tangents=np.array([[at, 0.0]]))
+        view = dataclasses.replace(
+            light.left, laser_e=100 * bright, even_e=even, px=across + at, py=down
+        )
+        rng = Draws(seed=2).of_device("projector/shifted")
+        seen = dots.shifted(view, few, 8.0, camera.fx_px, rng).laser_e
+        return np.array([np.average(one, weights=seen) for one in (across, down)])
+
+    np.testing.assert_allclose(moved(1.0) / moved(0.0), [2.0, 1.0], rtol=0.03)

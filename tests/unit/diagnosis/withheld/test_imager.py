@@ -127,3 +127,22 @@ def test_blooming_is_the_same_up_and_down() -> None:
 def test_full_well_is_the_most(camera: Nominal) -> None:
     held = _charge(camera, 5000.0, shot_noise=1.0, saturation=4900.0)
     assert held.max() == 4900.0
+
+
+@pytest.mark.parametrize(("name", "value"), [("prnu", 0.05), ("hot_pixels", 0.01)])
+def test_pixels_are_by_birth(name: str, value: float, camera: Nominal) -> None:
+    def held(side: str, scene: str, frame: int) -> np.ndarray:
+        values = {"shot_noise": 0.0, "read_noise": 0.0, name: value}
+        strengths = Strengths(nominal=camera, values=values)
+        draws = Draws(seed=6, scene=scene, frame=frame)
+        return imager.charge(np.full(SHAPE, 1000.0), strengths, side, draws)
+
+    first = held("left", "a", 0)
+    np.testing.assert_array_equal(first, held("left", "b", 5))
+    assert not np.array_equal(first, held("right", "a", 0))
+
+
+@pytest.mark.parametrize("noise", [{"shot_noise": 1.0}, {"read_noise": 12.0}, {"row_noise": 25.0}])
+def test_noise_of_both_imagers_is_apart(noise: dict[str, float], camera: Nominal) -> None:
+    left, right = (_charge(camera, 500.0, side=side, **noise) for side in ("left", "right"))
+    assert abs(np.corrcoef(left.ravel(), right.ravel())[0, 1]) < 0.3

@@ -301,3 +301,33 @@ def test_refusals(real: Nominal) -> None:
         _into(image, dataclasses.replace(real, lens_blur_px=0.5), lens_blur=0.3)
     with pytest.raises(WithheldError, match="smoothing must not be below nominal"):
         _into(image, dataclasses.replace(real, smoothing_px=0.6), smoothing=0.3)
+
+
+def test_speckle_is_of_the_scene_and_the_imager(real: Nominal) -> None:
+    image = np.full(SHAPE, 60, np.uint8)
+    image[4::7, 4::7] = 200
+
+    def of(scene: str, frame: int) -> Pair:
+        values = {"laser_speckle": 0.2}
+        return inject.inject(image, image, values, real, seed=5, scene=scene, frame=frame)
+
+    first, at = of("a", 0), np.s_[4::7, 4::7]
+    np.testing.assert_array_equal(first.left, of("a", 1).left)
+    assert not np.array_equal(first.left, of("b", 0).left)
+    assert abs(np.corrcoef(first.left[at].ravel(), first.right[at].ravel())[0, 1]) < 0.2
+
+
+def test_noise_that_is_put_back_is_each_imagers_own(real: Nominal) -> None:
+    pair = _into(_flat(real), real, right=_flat(real, seed=1), lens_blur=1.2)
+    assert abs(np.corrcoef(pair.left.ravel(), pair.right.ravel())[0, 1]) < 0.05
+
+
+def test_a_camera_with_gain_and_less_shot_noise(real: Nominal) -> None:
+    """Law: variance = shot^2 g S + (g r)^2; a gain is told over the camera's own."""
+    device = dataclasses.replace(real, gain=2.0, shot_noise=0.6)
+    flat = np.full(SHAPE, 70, np.uint8)
+    again = inject.inject(flat, flat, {}, device, seed=5, exposed_again=True).left
+    added = again - 70.0 - shares(SHAPE, side="left")
+    variance = 0.6**2 * 0.1 * 60 + (0.1 * 30.0) ** 2
+    assert added.var() - 1 / 12 == pytest.approx(variance, rel=0.05)
+    assert _into(flat, device, gain=3.2).left.mean() == pytest.approx(10 + 1.6 * 60, abs=0.2)

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.withheld import lens
+from diagnosis.withheld import lens, psf
 from diagnosis.withheld.catalogue import Strengths
 from diagnosis.withheld.light import Light
 from diagnosis.withheld.nominal import Nominal
@@ -93,3 +93,11 @@ def test_veil_keeps_the_mean_and_takes_its_share(camera: Nominal) -> None:
     spread = veiled - 0.9 * rest
     assert spread.std() < 0.02 * spread.mean()
     assert lens.veil(laser, rest, 0.0)[0] is laser
+
+
+def test_what_is_added_to_the_nominal_spot_is_a_disc(light: Light, camera: Nominal) -> None:
+    point = _point(camera, 31, 47)
+    seen = lens.focus(point, light.left, Strengths(nominal=camera, values={"lens_blur": 1.5}))
+    spot = psf.kernel("disc", (1.5**2 - 0.4**2) ** 0.5)
+    law = psf.blur(psf.blur(point, psf.kernel("gaussian", 0.4)), spot)
+    np.testing.assert_allclose(seen, law, atol=1e-6)

@@ -86,3 +86,14 @@ def test_refusals() -> None:
         matcher.match(image, image[:-1])
     with pytest.raises(WithheldError, match="images must be wider than 64 px"):
         matcher.match(image[:, :60], image[:, :60])
+
+
+def test_the_last_disparity_is_none() -> None:
+    image = _textured((48, 300))
+    assert np.isfinite(matcher.match(image, np.roll(image, -127, 1))).mean() < 0.02
+
+
+def test_paths_run_alike_along_rows_and_columns() -> None:
+    costs = np.random.default_rng(0).integers(0, 25, (12, 20, 20)).astype(np.uint8)
+    turned = matcher._aggregate(np.ascontiguousarray(costs.swapaxes(1, 2)))
+    np.testing.assert_array_equal(matcher._aggregate(costs), turned.swapaxes(1, 2))

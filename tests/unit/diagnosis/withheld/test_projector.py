@@ -130,3 +130,16 @@ def test_faults_stay_with_the_projector_over_scenes(light: Light, found: Dots) -
         dots.dropped(light.left, found, 0.3, each.of_device("projector/dropped")) for each in draws
     )
     np.testing.assert_array_equal(one.laser_e, other.laser_e)
+
+
+@pytest.mark.parametrize(("name", "value"), [("dropped_dots", 0.3), ("shifted_dots", 4.0)])
+def test_thrown_faults_are_the_same_in_all_scenes_and_frames(
+    name: str, value: float, light: Light, camera: Nominal, found: Dots
+) -> None:
+    strengths = Strengths(nominal=camera, values={name: value})
+    one, other = (
+        projector.throw(light.left, strengths, found, Draws(seed=1, scene=scene, frame=frame))
+        for scene, frame in (("a", 0), ("b", 2))
+    )
+    np.testing.assert_array_equal(one.laser_e, other.laser_e)
+    assert not np.array_equal(one.laser_e, light.left.laser_e)

@@ -64,3 +64,7 @@ def test_whole_codes() -> None:
     assert out.tolist() == [0, 1, 2, 255]
     assert readout.whole(np.array([2000.0]), 10).tolist() == [1023]
     assert readout.whole(np.array([2000.0]), 10).dtype == np.uint16
+
+
+def test_what_is_averaged_are_whole_codes() -> None:
+    np.testing.assert_allclose(readout.smooth(np.full((9, 9), 10.4), 0.5), 10.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from pathlib import Path
 
@@ -133,3 +134,21 @@ def test_frames_without_depth_are_left_alone(matched: Path, camera: Nominal) -> 
     assert not (matched / "b/0/depth.png").exists()
     code = cv2.imread(str(matched / "a/0/depth.png"), cv2.IMREAD_UNCHANGED)
     assert code is not None and (code > 0).all()
+
+
+def test_noise_is_of_the_case_and_of_the_scene(light_set: Path, tmp_path: Path) -> None:
+    shoot(light_set, NULL, tmp_path / "one")
+    shoot(light_set, dataclasses.replace(NULL, seed=12), tmp_path / "two")
+    one, other = _files(tmp_path / "one"), _files(tmp_path / "two")
+    assert one["a/0/ir_left.png"] != one["b/0/ir_left.png"]  # Of the same light.
+    assert one["a/0/ir_left.png"] != other["a/0/ir_left.png"]
+
+
+@pytest.mark.parametrize(("name", "value"), [("dropped_dots", 0.3), ("shifted_dots", 6.0)])
+def test_dots_are_there_for_what_acts_on_them(
+    name: str, value: float, light_set: Path, tmp_path: Path
+) -> None:
+    shoot(light_set, NULL, tmp_path / "one")
+    shoot(light_set, _case(**{name: value}), tmp_path / "two")
+    one, other = _files(tmp_path / "one"), _files(tmp_path / "two")
+    assert one["a/0/ir_left.png"] != other["a/0/ir_left.png"]
