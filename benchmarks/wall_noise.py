@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.match_faro import Scene, folder, scenes, setting_of
-from sim import sensors
 from sim.matcher import D4XX, Matcher
 from sim.matching import match
 
@@ -47,19 +46,17 @@ def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("windows", nargs="+", help="as 15x5, or a sensor preset")
-    windows = parser.parse_args().windows
+    matchers = {window: matcher_of(window) for window in parser.parse_args().windows}
     found: dict[tuple[str, bool], list[NDArray]] = {}
     for scene in scenes(folder()):
         maps = {"the device": scene.device_px}
-        maps.update({window: matched(scene, window) for window in windows})
+        maps.update({window: matched(scene, setting) for window, setting in matchers.items()})
         walls = flat(scene.truth_px, list(maps.values()))
-        for name, disparity in maps.items():
-            told = [
-                [*noise(disparity[wall]), spread(disparity[wall]) / spread(scene.device_px[wall])]
-                for wall in walls
-            ]
-            if told:
-                found.setdefault((name, scene.tuned), []).append(np.median(told, axis=0))
+        told = {name: [noise(of[wall]) for wall in walls] for name, of in maps.items()}
+        for name, each in told.items() if walls else ():
+            beside = zip(each, told["the device"], strict=True)
+            rows = [[*one, one[0] / device[0]] for one, device in beside]
+            found.setdefault((name, scene.tuned), []).append(np.median(rows, axis=0))
         print(f"{scene.name}: {len(walls)} walls", file=sys.stderr)
     print(f"| {' | '.join(HEAD)} |\n{'| --- ' * len(HEAD)}|")
     for (name, tuned), told in sorted(found.items(), key=lambda each: not each[0][1]):
@@ -69,12 +66,12 @@ def main() -> None:
         print(f"| {' | '.join(cells)} |")
 
 
-def matched(scene: Scene, window: str) -> NDArray:
-    """Disparity (h, w) [px] by our matcher, NaN where there is none.
+def matched(scene: Scene, setting: Matcher) -> NDArray:
+    """Disparity (h, w) [px] by a matcher of ours, NaN where there is none.
 
     By way of depth in whole units, as the device's is.
     """
-    found = match(scene.left, scene.right, matcher_of(window)).disparity_px
+    found = match(scene.left, scene.right, setting).disparity_px
     info = tomllib.loads((folder() / "capture.toml").read_text())
     units = info["fx_px"] * info["baseline_m"] / info["depth_unit_m"]
     with np.errstate(divide="ignore"):
@@ -82,8 +79,8 @@ def matched(scene: Scene, window: str) -> NDArray:
 
 
 def matcher_of(window: str) -> Matcher:
-    """That of a sensor preset, or `d4xx` with a window of its mean."""
-    if window in sensors.names():
+    """`d4xx` with a window of its mean, or what else has that name."""
+    if not window[0].isdigit():
         return setting_of(window)
     columns, rows = map(int, window.split("x"))
     refinement = replace(D4XX.refinement, smooth_px=columns, smooth_rows_px=rows)
@@ -113,11 +110,6 @@ def noise(disparity: NDArray) -> list[float]:
     columns = [(off[lag:] * off[:-lag]).mean() / off.var() for lag in LAGS_PX]
     equal = [(np.diff(disparity, axis=axis) == 0).mean() for axis in (1, 0)]
     return [float(one) for one in (off.std(), *rows, *columns, *equal)]
-
-
-def spread(disparity: NDArray) -> float:
-    """Deviation of what is off the plane."""
-    return float(off_plane(disparity).std())
 
 
 def off_plane(disparity: NDArray) -> NDArray:

@@ -189,15 +189,22 @@ def _wider(model: Model, trial: Trial, signatures: Sequence[Signature]) -> Model
     together may be far from their sum, as depth cut off where holes are filled.
     """
     given, others = model.made(), model.others(signatures)
-    beside = worth((trial.fit(one, given=given) for one in others), trial.threshold)
+    beside = _likely(others, trial, given=given)
     likely = sharper([one.signature for one in beside], trial, given)
     enough = (one for one in likely if one.total >= trial.threshold)
     wider = _first(_better(model.wider(one), model, trial) for one in enough)
     if wider is not None or trial.explained(given):
         return wider
-    alone = worth((trial.fit(one) for one in others), trial.threshold)[:_BEGUN]
+    alone = _likely(others, trial)[:_BEGUN]
     apart = (one.signature.candidate for one in alone if one.total >= trial.threshold)
     return _first(_joined(one, model, trial) for one in apart)
+
+
+def _likely(
+    signatures: Sequence[Signature], trial: Trial, *, given: Made | None = None
+) -> list[Fit]:
+    """Of some candidates those worth a closer look beside what others make."""
+    return worth((trial.fit(one, given=given) for one in signatures), trial.threshold)
 
 
 def _joined(candidate: Candidate, model: Model, trial: Trial) -> Model | None:
@@ -330,9 +337,7 @@ def _in_place(
     own, over = _own(number, model, trial)
     given = model.made(without=number)
     # What is made together may explain much without any of them: none is worth a look for that.
-    likely = worth(
-        (trial.fit(one, given=given) for one in model.others(signatures)), trial.threshold
-    )
+    likely = _likely(model.others(signatures), trial, given=given)
     rest = [trial.fit(one.signature, given=given, over=over) for one in likely]
     if not trial.explained(model.made()):
         return own, rest

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from diagnosis.which import null, search
+from diagnosis.which.arm import Screen
 from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit, folds
 from diagnosis.which.likelihood import Likelihood
@@ -84,6 +85,19 @@ def trial(bench: Any, likelihood: Likelihood, *, explained_below: float = 0.0) -
         folds=HELD,
         threshold=null.LEAST_GAIN,
         explained_below=explained_below,
+    )
+
+
+def screen(
+    *rough: Signature, weight: np.ndarray = ONES, threshold: float = 12.0, noise: float = 1.0
+) -> Screen:
+    return Screen(
+        base=BASE,
+        rough=rough,
+        weight=weight,
+        folds=tuple(HELD),
+        threshold=threshold,
+        noise=noise,
     )
 
 

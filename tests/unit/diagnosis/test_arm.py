@@ -12,12 +12,11 @@ from diagnosis.which.candidates import Arm
 from tests.unit.diagnosis.made_gaps import (
     BASE,
     FEATURES,
-    HELD,
-    ONES,
     SCENES,
     SIGNATURES,
     FakeBench,
     noise,
+    screen,
 )
 
 
@@ -39,15 +38,7 @@ def found(settings: dict[str, float], *, of_seeds: float, arm: Arm = Arm.IMAGE) 
     change = FakeBench().change(settings)
     assert change is not None
     bench: Any = Captured(change + noise(7), arm)
-    screen = module.Screen(
-        base=BASE,
-        rough=tuple(SIGNATURES),
-        weight=ONES,
-        folds=tuple(HELD),
-        threshold=12.0,
-        noise=of_seeds,
-    )
-    return module.diagnosed(bench, screen)
+    return module.diagnosed(bench, screen(*SIGNATURES, noise=of_seeds))
 
 
 @pytest.mark.parametrize("arm, share", [(Arm.IMAGE, 0.04), (Arm.WHOLE, 0.04), (Arm.DEPTH, 0.1)])
@@ -70,17 +61,10 @@ def test_nothing_is_looked_for_where_seeds_make_as_much():
 def test_a_gap_is_unexplained_where_more_is_left():
     """What nothing in the table makes: every second feature is off by as much."""
     bench: Any = Captured(noise(7) + 0.5 * (-1.0) ** np.arange(FEATURES))
-    screen = module.Screen(
-        base=BASE,
-        rough=tuple(SIGNATURES),
-        weight=ONES,
-        folds=tuple(HELD),
-        threshold=12.0,
-        noise=0.9,
-    )
-    assert module.diagnosed(bench, screen).unexplained
+    asked = screen(*SIGNATURES, noise=0.9)
+    assert module.diagnosed(bench, asked).unexplained
     assert not found({"crosstalk": 0.4}, of_seeds=0.9).unexplained
-    untried = module.diagnosed(bench, module.of_families(screen, ()))
+    untried = module.diagnosed(bench, module.of_families(asked, ()))
     assert not untried.unexplained
 
 

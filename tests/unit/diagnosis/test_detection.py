@@ -9,7 +9,7 @@ import pytest
 
 from diagnosis import detection
 from diagnosis.which.candidates import Arm
-from tests.unit.diagnosis.made_gaps import BASE, HELD, MADE, ONES, FakeBench, noise
+from tests.unit.diagnosis.made_gaps import BASE, MADE, FakeBench, noise, screen
 
 
 def test_limits_hold_in_every_set():
@@ -94,14 +94,13 @@ def test_half_of_the_devices_have_to_show_it(
         return BASE, noise(number) + (shown if number in numbers[:count] else 0.0)
 
     monkeypatch.setattr(detection.null, "another", another)
-    screen: Any = SimpleNamespace(base=BASE, weight=ONES, folds=tuple(HELD), threshold=12.0)
     image, depth = (SimpleNamespace(arm=arm) for arm in (Arm.IMAGE, Arm.DEPTH))
     ask: Any = detection._found_on_devices
-    assert ask(MADE["veil"], 0.5, image, screen) == found
-    assert ask(MADE["veil"], 0.5, depth, screen)
+    assert ask(MADE["veil"], 0.5, image, screen()) == found
+    assert ask(MADE["veil"], 0.5, depth, screen())
 
     def refused(*_: Any, number: int) -> tuple[Any, Any] | None:
         return None if number == numbers[-1] else another(number=numbers[0])
 
     monkeypatch.setattr(detection.null, "another", refused)
-    assert not ask(MADE["veil"], 0.5, image, screen)
+    assert not ask(MADE["veil"], 0.5, image, screen())

@@ -38,6 +38,7 @@ from tests.unit.diagnosis.made_gaps import (
     candidate,
     likelihood_of,
     noise,
+    screen,
     searched,
     trial,
 )
@@ -351,14 +352,7 @@ def test_what_effects_that_are_not_tried_do_has_no_part_in_votes():
     """Features that one effect alone moves repeat what is left once it is not known."""
     families = {one.candidate.effect.family for one in SIGNATURES}
     weight = weights(SIGNATURES, BASE.deviation)
-    whole = arm.Screen(
-        base=BASE,
-        rough=tuple(SIGNATURES),
-        weight=weight,
-        folds=tuple(HELD),
-        threshold=null.LEAST_GAIN,
-        noise=null.size(BASE, weight),
-    )
+    whole = screen(*SIGNATURES, weight=weight, noise=null.size(BASE, weight))
     assert arm.of_families(whole, families) is whole
     rest = families - {effects.named("veil").family}
     part = arm.of_families(whole, rest)

@@ -7,21 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.which.arm import Screen
 from diagnosis.which.noticed import Noticed, enough, least, noticed
 from diagnosis.which.signature import Signature
-from tests.unit.diagnosis import test_fit as made
-
-
-def screen(*rough: Signature, threshold: float = 12.0) -> Screen:
-    return Screen(
-        base=made.BASE,
-        rough=rough,
-        weight=made.ONES,
-        folds=tuple(made.HELD),
-        threshold=threshold,
-        noise=1.0,
-    )
+from tests.unit.diagnosis import made_gaps as made
+from tests.unit.diagnosis.made_gaps import screen
 
 
 def times(of: Signature, factor: float) -> Signature:

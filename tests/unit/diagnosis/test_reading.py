@@ -98,22 +98,26 @@ def test_without_projector_the_pairs_that_were_captured_so_are_taken():
     assert not read(plain, sensor=DARK).unlit
 
 
+def added(level: int, sensor: Any) -> list[np.ndarray]:
+    """What one more exposure adds to even images, left and right: the difference of two."""
+    flat = np.full((1, 400, 400), level, np.uint8)
+    still = reading.Reading(left=flat, right=flat, ours_px=None, device_px=None)
+    one, other = (
+        reading.exposed_again(still, sensor, np.random.default_rng(seed)) for seed in (3, 4)
+    )
+    pairs = ((one.left, other.left), (one.right, other.right))
+    found = []
+    for first, second in pairs:
+        assert first is not None and second is not None and first.dtype == np.uint8
+        found.append((first[0].astype(float) - second[0]) / np.sqrt(2))
+    return found
+
+
 def test_one_more_exposure_is_averaged_as_the_device_averages_codes():
     """Law: noise keeps the square of what averaging along an axis keeps, and is correlated."""
     device = with_values(SENSOR, [("imager.smoothing_px", 0.6)])
-    flat = np.full((1, 400, 400), 80, np.uint8)
-    still = reading.Reading(left=flat, right=flat, ours_px=None, device_px=None)
-
-    def taken(sensor: Any, seed: int) -> np.ndarray:
-        found = reading.exposed_again(still, sensor, np.random.default_rng(seed)).left
-        assert found is not None and found.dtype == np.uint8
-        return found[0].astype(float)
-
-    def added(sensor: Any) -> np.ndarray:
-        return (taken(sensor, 3) - taken(sensor, 4)) / np.sqrt(2)
-
     rounding = 1 / 12
-    alone, averaged = added(SENSOR), added(device)
+    (alone, _), (averaged, _) = added(80, SENSOR), added(80, device)
     point = np.zeros((11, 11), np.float32)
     point[5, 5] = 1
     spot = smoothing.smoothed(point, 0.6)
@@ -143,14 +147,7 @@ def test_one_more_exposure_has_the_noise_of_photon_transfer(level: int, shot: fl
     """Law: its variance is shot^2 g S + (g r)^2, S being the signal above black [DN]."""
     edits = [("imager.shot_noise", shot), ("imager.read_noise_e", 9.0), ("imager.gain", 2.0)]
     device = with_values(SENSOR, [*edits, ("imager.black_level_dn", 6.0)])
-    flat = np.full((1, 400, 400), level, np.uint8)
-    still = reading.Reading(left=flat, right=flat, ours_px=None, device_px=None)
-    first, second = (
-        reading.exposed_again(still, device, np.random.default_rng(seed)) for seed in (3, 4)
-    )
     scale = device.left.dn_per_electron
     wanted = shot**2 * scale * (level - 6.0) + (scale * 9.0) ** 2
-    for one, other in ((first.left, second.left), (first.right, second.right)):
-        assert one is not None and other is not None
-        twice = (one[0].astype(float) - other[0]).var()
-        assert twice / 2 - 1 / 12 == pytest.approx(wanted, rel=0.05)
+    for noise in added(level, device):
+        assert noise.var() - 1 / 12 == pytest.approx(wanted, rel=0.05)

@@ -14,6 +14,7 @@ import pytest
 
 from patterns.errors import InputError
 from sim import asked_sensor, capture, capture_info, sensors
+from sim.capture_writer import info_of
 
 
 def _change(path: Path, old: str, new: str) -> None:
@@ -274,15 +275,7 @@ def test_a_scene_may_have_a_camera_of_its_own(small_set: Path) -> None:
 @pytest.mark.parametrize("name", ["cx_px", "cy_px"])
 def test_a_sensor_with_another_centre_is_another_camera(name: str) -> None:
     sensor = sensors.load("d435")
-    same = ("width", "height", "fx_px", "fy_px", "cx_px", "cy_px", "baseline_m")
-    info = capture_info.CaptureInfo(
-        sensor="d435",
-        **{field: getattr(sensor, field) for field in same},
-        depth_unit_m=0.001,
-        source="",
-        licence="",
-        notes="",
-    )
+    info = info_of(sensor, source="", licence="", notes="")
     assert info.are_of(sensor)
     off = getattr(sensor, name) + 0.006 * sensor.width
     assert not info.are_of(dataclasses.replace(sensor, **{name: off}))

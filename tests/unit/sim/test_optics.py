@@ -342,32 +342,20 @@ def test_speckle_is_the_lasers_alone_and_stays() -> None:
     np.testing.assert_allclose(half, 0.5 * laser, rtol=1e-6)
 
 
-def lit(sensor: Sensor) -> tuple[Received, Image]:
-    even = np.ones((sensor.height, sensor.width), np.float32)
-    return Received(laser=even, rest=even), even
-
-
 def test_vignetting_dims_beside_speckle_too() -> None:
-    sensor = sensors.load("d435")
-    projector = dataclasses.replace(sensor.projector, speckle_contrast=0.2)
-
-    def formed(exponent: float) -> Image:
-        lens = Lens(vignetting=exponent)
-        part = dataclasses.replace(sensor.left, lens=lens, alignment=Alignment())
-        made = dataclasses.replace(sensor, projector=projector, left=part)
-        return image.image(*lit(made), made, "left", seed=4)
-
-    expected = shading.vignetting(3.0, Pinhole.of(sensor))
-    np.testing.assert_allclose(formed(3.0) / formed(0.0), expected, rtol=1e-4)
+    ones = np.ones(SHAPE, np.float32)
+    dimmed, plain = (
+        form(sensor_with(Lens(vignetting=exponent), contrast=0.2), ones, ones, seed=4)
+        for exponent in (3.0, 0.0)
+    )
+    np.testing.assert_allclose(dimmed / plain, shading.vignetting(3.0, PINHOLE), rtol=1e-4)
 
 
 def test_each_side_has_its_own_lens() -> None:
-    sensor = sensors.load("d435")
-    clear = dataclasses.replace(sensor.left, lens=Lens(), alignment=Alignment())
-    dim = dataclasses.replace(clear, lens=Lens(vignetting=4.0))
-    still = dataclasses.replace(sensor.projector, speckle_contrast=0.0)
-    made = dataclasses.replace(sensor, left=clear, right=dim, projector=still)
-    left, right = (image.image(*lit(made), made, side, seed=0) for side in ("left", "right"))
+    ones, sensor = np.ones(SHAPE, np.float32), sensor_with(Lens())
+    dim = dataclasses.replace(sensor.right, lens=Lens(vignetting=4.0))
+    sensor = dataclasses.replace(sensor, right=dim)
+    left, right = (form(sensor, ones, ones, side) for side in ("left", "right"))
     assert left[0, 0] == pytest.approx(2) and right[0, 0] < 1.9
 
 

@@ -19,8 +19,6 @@ VIEW = View(
     depth_m=ONE,
     body=np.ones((4, 5), np.uint32),
 )
-
-
 SENSOR, SCENE = sensors.load("d435"), builtin.clutter(0)
 
 
