@@ -18,6 +18,7 @@ from calibration.pattern.recovery import Recovered
 from calibration.pattern.unprojected import PatternImage
 from sim import projector, sensors
 from sim.sensor import Sensor
+from sim.sensor_edits import with_values
 
 GRID = Grid(half_a=0.4, half_b=0.25, step=1.25e-3)
 
@@ -118,3 +119,10 @@ def test_the_table_lists_every_emitter_s_dots(sensor: Sensor) -> None:
     assert [row["emitter"] for row in rows].count("1") == len(second.slopes)
     assert float(rows[0]["x_tangent"]) == pytest.approx(first.slopes[0, 0], rel=1e-5)
     assert float(rows[-1]["sigma_mrad"]) == pytest.approx(second.sigma_mrad, rel=1e-5)
+
+
+def test_an_imager_widens_dots_by_lens_averaging_and_its_pixels(sensor: Sensor) -> None:
+    """A pixel is even from edge to edge: a twelfth of its square."""
+    edits = [("imager.lens.blur_px", 0.5), ("imager.smoothing_px", 0.6)]
+    expected = np.sqrt(0.5**2 + 0.6**2 + 1 / 12)
+    assert imager_blur_px(with_values(sensor, edits)) == pytest.approx(expected)

@@ -33,6 +33,15 @@ def test_the_mean_level_is_aimed_at() -> None:
     assert estimate.start == SENSOR.left.auto_exposure_level
 
 
+def test_a_level_is_the_mean_of_all_pixels() -> None:
+    """Dots included, of which most pixels have none."""
+    dotted = _seen("dots", 10.0)
+    assert dotted.left is not None
+    dotted.left[0] = 250.0
+    found = fit_exposure_level([dotted, replace(dotted, name="again")], SENSOR)
+    assert found is not None and found.estimates[0].value == pytest.approx(40 / 255)
+
+
 def test_one_scene_or_a_fixed_exposure_says_nothing() -> None:
     seen = [_seen("a", 20.0), _seen("b", 21.0)]
     assert fit_exposure_level(seen[:1], SENSOR) is None

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 import pytest
 
@@ -15,7 +16,7 @@ from calibration import parameters
 from calibration.geometry import geometry_fit, residuals, start
 from calibration.observation import Observation
 from patterns.errors import InputError
-from sim import capture_writer, render, sensors
+from sim import capture_writer, metrics, render, sensors
 from sim.scene import Scene
 from sim.scenes import builtin
 from sim.sensor import Sensor
@@ -155,6 +156,22 @@ def test_bright_and_bent_levels_are_undone(table: list[Observation]) -> None:
     view = residuals.views([dataclasses.replace(table[0], left=left)], sensor)[0]
     np.testing.assert_allclose(view.level[:90], 255 * (100 / 255) ** 2, rtol=1e-4)
     assert view.usable[:90].all() and not view.usable[90:].any()
+
+
+def test_pixels_beside_edges_and_burnt_ones_are_not_believed(table: list[Observation]) -> None:
+    sensor = preset()
+    view = residuals.views(table, sensor)[0]
+    plain = residuals.predict(view, sensor)
+    edges = metrics.depth_edges(plain.disparity_px)
+    beside = cv2.dilate(edges.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    assert edges.any() and not plain.usable[beside].any()
+    row, column = np.argwhere(cv2.erode(plain.usable.astype(np.uint8), np.ones((3, 3))))[50]
+    usable = view.usable.copy()
+    usable[row, column] = False
+    found = residuals.predict(dataclasses.replace(view, usable=usable), sensor).usable
+    expected = plain.usable.copy()
+    expected[row - 1 : row + 2, column - 1 : column + 2] = False
+    np.testing.assert_array_equal(found, expected)
 
 
 def test_another_body_in_a_tile_does_not_count(table: list[Observation]) -> None:

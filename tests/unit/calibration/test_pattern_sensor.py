@@ -148,6 +148,9 @@ def test_an_image_is_resampled_into_the_field(sensor: Sensor, tmp_path: Path) ->
     seen = _light_at(image, slopes[inside], sensor)
     bright = value[inside] > np.quantile(source.value[np.isfinite(source.sd)], 0.05)
     assert np.corrcoef(seen[bright], value[inside][bright])[0, 1] > 0.99
+    # The darkest fiftieth is no light, and neither is what is darker than that.
+    dark = value[inside] < np.quantile(source.value[np.isfinite(source.sd)], 0.01)
+    assert dark.any() and seen[dark].max() < 0.02 * seen.max()
     mirrored = _light_at(image[:, ::-1], slopes[inside], sensor)
     assert abs(np.corrcoef(mirrored, value[inside])[0, 1]) < 0.1
     top = (source.value[np.isfinite(source.sd)]).max()

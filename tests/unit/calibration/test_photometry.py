@@ -52,6 +52,10 @@ def test_known_reflectance_gives_all_strengths() -> None:
     assert fit.solution.undetermined == ()
     assert fit.solution.cost[-1] == pytest.approx(1.0, abs=0.1)
     sensor = fit.solution.sensor
+    for one in fit.predictions:
+        black_dn = values[f"{one.side}.black_level_dn"]
+        left = one.level_dn - np.float32(black_dn) - one.signal_dn
+        np.testing.assert_allclose(one.residual_dn, left, atol=1e-3)
     assert sensor.right.lens.vignetting == sensor.left.lens.vignetting
     assert sensor.projector.power_w == values["projector.power_w"]
 

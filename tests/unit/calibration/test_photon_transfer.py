@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from calibration.photometry import photon_transfer
 from calibration.photometry.photon_transfer import fit_photon_transfer
 from calibration.solution import Solution
 from patterns.errors import InputError
@@ -47,6 +48,7 @@ def values(solution: Solution) -> dict[str, float]:
         ({"bit_depth": 8, "read_noise_e": 90.0, "black_level_dn": 9.0}, 5000.0),
         ({"bit_depth": 10, "read_noise_e": 40.0, "smoothing_px": 0.6}, 7000.0),
         ({"bit_depth": 12, "read_noise_e": 15.0, "row_noise_e": 10.0}, 7000.0),
+        ({"bit_depth": 12, "read_noise_e": 12.0, "shot_noise": 0.5}, 6000.0),
     ],
 )
 def test_known_noise_is_found(changes: dict, start_well_e: float) -> None:
@@ -73,6 +75,36 @@ def test_dark_current_is_no_read_noise(dark_current_e_s: float) -> None:
     found = values(fit_photon_transfer(repeats(truth.left, count=8, top=0.1), start))
     assert found["read_noise_e"] == pytest.approx(5.6, rel=0.10)
     assert found["full_well_e"] == pytest.approx(truth.left.full_well_e, rel=0.03)
+
+
+def test_a_black_level_that_was_fitted_counts() -> None:
+    """Of 20 DN that the sensor does not know: its own would take their noise for reading's."""
+    truth = sensor_with(bit_depth=12, read_noise_e=12.0, black_level_dn=20.0)
+    unknowing = sensor_with(bit_depth=12, read_noise_e=3.0, black_level_dn=0.0)
+    frames = repeats(truth.left)
+    found = values(fit_photon_transfer(frames, unknowing, black_level_dn=20.0))
+    assert found["read_noise_e"] == pytest.approx(12.0, rel=0.10)
+    wrong = values(fit_photon_transfer(frames, unknowing))
+    assert abs(wrong["read_noise_e"] - 12.0) > 1.2
+
+
+def test_deviations_are_of_the_size_of_what_repeats_scatter() -> None:
+    """Of eight sets of frames; `test_intervals_cover` has more of them."""
+    truth = sensor_with(bit_depth=10, read_noise_e=30.0, smoothing_px=0.5)
+    solutions = [
+        fit_photon_transfer(repeats(truth.left, count=2, seed=seed), truth) for seed in range(8)
+    ]
+    scatter = np.std([[e.value for e in one.estimates] for one in solutions], axis=0, ddof=1)
+    told = np.median([[e.sd for e in one.estimates] for one in solutions], axis=0)
+    assert (told < 2.5 * scatter).all() and (told > scatter / 2.5).all()
+
+
+def test_a_row_s_own_mean_takes_no_noise_away() -> None:
+    """Of eight pixels in a row, an eighth of the variance goes with the mean and is put back."""
+    noise = np.random.default_rng(0).standard_normal((4000, 8)).astype(np.float32)
+    mean = np.broadcast_to(np.linspace(10, 90, 4000, dtype=np.float32)[:, None], noise.shape)
+    still = photon_transfer._still(noise + 3 * noise[:, :1], mean, np.ones(noise.shape, bool))
+    assert (still**2).mean() == pytest.approx(1.0, rel=0.03)
 
 
 def test_hidden_read_noise_is_named_and_not_guessed() -> None:

@@ -28,3 +28,8 @@ def test_no_noise_reads_none() -> None:
 def test_back_to_the_variance_before(variance_dn2: float) -> None:
     read = quantised_noise.read(np.array(variance_dn2))
     assert quantised_noise.before(read) == pytest.approx(variance_dn2, rel=1e-3)
+
+
+def test_equal_codes_had_no_noise() -> None:
+    """Exactly: copies of a frame are told by it."""
+    assert not quantised_noise.before(np.array([0.0, -0.01])).any()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 
 from calibration import parameters
 from calibration.geometry import solve, uncertainty
@@ -141,3 +142,25 @@ def test_the_scale_of_reference_depth_is_named_whatever_residuals_say() -> None:
     (sentence,) = uncertainty.sentences(found, ROWS)
     assert "fx_px" in sentence and "baseline_m" in sentence
     assert uncertainty.scale_open(found, ROWS) is found
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 0.5])
+def test_a_cluster_that_weighs_most_is_not_surer_for_it(stiffness: float) -> None:
+    """Each score is larger by its leverage h: var = sum s^2 / (1 - h) / M^2 + 1 / M^2.
+
+    The cost's curvature M is less than its weights say, and the fit the less sure.
+    """
+    share, score = np.array([8.0, 0.6, 0.4]), np.array([3.0, -1.0, 2.0])
+    found = uncertainty.of(
+        Toy(
+            share.sum(keepdims=True)[None],
+            np.zeros(1),
+            1.0,
+            score[:, None],
+            share[:, None, None],
+            stiffness=stiffness,
+        )
+    )
+    whole = stiffness * share.sum() + 1  # The tolerance counts too.
+    expected = ((score**2 / (1 - stiffness * share / whole)).sum() + 1) / whole**2
+    assert found.covariance[0, 0] == pytest.approx(expected)

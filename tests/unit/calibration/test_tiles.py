@@ -89,3 +89,41 @@ def test_each_pixel_gets_its_tiles_value_back() -> None:
     np.testing.assert_array_equal(tiles.tiled(spread).mean(axis=1), values)
     assert np.isnan(spread[32:]).all()
     assert np.isnan(spread[:, 48:]).all()
+
+
+def test_clusters_are_squares_ten_across() -> None:
+    """And none of them goes on in the next row, whether or not they fill the image."""
+    even = tiles.clusters((192, 320)).reshape(12, 20)
+    assert len(np.unique(even[0])) == 10
+    for number in np.unique(even):
+        rows, columns = np.nonzero(even == number)
+        assert (np.ptp(rows), np.ptp(columns), len(rows)) == (1, 1, 4)
+    uneven = tiles.clusters((48, 25 * 16)).reshape(3, 25)
+    assert len(np.unique(uneven)) == 2 * 13
+
+
+def test_a_tile_that_fits_far_worse_counts_less() -> None:
+    """Thirty times as badly as most: three times the usual cost is left of it."""
+    gram = np.tile(np.array([[10.0, 2.0], [2.0, 4.0]]), (5, 1, 1))
+    gram[4, 0, 0] = 300.0
+    equations = tiles.normal(gram, np.full(5, 10.0), np.arange(5))
+    np.testing.assert_allclose(equations.matrices.ravel(), [4, 4, 4, 4, 0.4])
+    np.testing.assert_allclose(equations.scores.ravel(), [2, 2, 2, 2, 0.2])
+    assert equations.cost == pytest.approx((4 * 10 + 30) / (4 * 10 + 1))
+
+
+def test_what_rests_on_few_clusters_is_less_sure() -> None:
+    """Each score is larger by its leverage h: var = sum s^2 / (1 - h) / M^2, of one parameter."""
+    share, score = np.array([8.0, 1.0, 1.0]), np.array([3.0, -1.0, 2.0])
+    equations = tiles.Normal(matrices=share[:, None, None], scores=score[:, None], cost=1.0)
+    expected = (score**2 / (1 - share / 10)).sum() / 10**2
+    assert equations.covariance()[0, 0] == pytest.approx(expected)
+
+
+def test_ramps_are_about_the_tile_s_middle() -> None:
+    """So the factor without its gradient is the mean over the tile."""
+    across, down = tiles.ramps((16, 32))
+    np.testing.assert_allclose(across[:, :16], -across[:, 15::-1])
+    np.testing.assert_allclose(down, -down[::-1])
+    np.testing.assert_allclose(across[:, 16:], across[:, :16])
+    assert across[0, 15] == down[15, 0] == pytest.approx(15 / 16)

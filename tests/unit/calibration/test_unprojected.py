@@ -146,3 +146,28 @@ def test_the_transposed_model_is_the_model_s_transpose(truth: np.ndarray) -> Non
     model = 0.7 * unprojected.predicted(one, truth)
     forth = np.vdot((one.modulation.weight * model).astype(np.float64), residual)
     assert forth == pytest.approx(float(np.vdot(truth.astype(np.float64), back)), rel=1e-3)
+
+
+def test_noise_that_weights_do_not_know_of_is_in_the_deviation(truth: np.ndarray) -> None:
+    """Weights four times too large: residuals show it, and deviations are what they were."""
+    plain = _view(truth, 0)
+    sure = plain.modulation._replace(weight=4 * plain.modulation.weight)
+    one, other = (
+        unprojected.solve([view], GRID, rounds=1)
+        for view in (plain, dataclasses.replace(plain, modulation=sure))
+    )
+    looked = np.isfinite(one.sd)
+    np.testing.assert_allclose(other.sd[looked], one.sd[looked], rtol=0.02)
+
+
+@pytest.mark.parametrize(("times", "gain"), [(0.7, 0.7), (10.0, 3.0), (-1.0, 0.1)])
+def test_a_local_gain_is_one_that_surfaces_have(
+    truth: np.ndarray, times: float, gain: float
+) -> None:
+    view = _view(truth, 0)
+    view = dataclasses.replace(view, cosines=GRID.place(view.cosines))
+    shown = (times * unprojected.predicted(view, truth)).astype(np.float32)
+    seen = dataclasses.replace(view, modulation=view.modulation._replace(value=shown))
+    found = unprojected.with_gain(seen, truth).gain
+    assert found is not None
+    np.testing.assert_allclose(found[60:-60, 90:-60], gain, rtol=1e-3)

@@ -8,15 +8,16 @@ import numpy as np
 
 from calibration.observation import Observation
 from calibration.pattern import views
-from sim import capture_writer
+from sim import capture_writer, metrics
 from sim.scenes import builtin
 from sim.sensor import Sensor
+from sim.sensor_edits import with_values
 from tests.unit.calibration.small_camera import small
 
 SENSOR = small("d415", 320, 180)
 
 
-def _seen(sensor: Sensor) -> tuple[views.View, ...]:
+def _seen(sensor: Sensor, **changes: object) -> tuple[views.View, ...]:
     """Views of stairs by a camera whose images do not matter."""
     dark = np.zeros((sensor.height, sensor.width), np.float32)
     observation = Observation(
@@ -28,7 +29,7 @@ def _seen(sensor: Sensor) -> tuple[views.View, ...]:
         scene=builtin.staircase(0.6),
         metric=True,
     )
-    return views.of(observation, sensor)
+    return views.of(replace(observation, **changes), sensor)
 
 
 def test_a_baseline_s_error_moves_the_points_that_the_right_imager_sees() -> None:
@@ -40,3 +41,46 @@ def test_a_baseline_s_error_moves_the_points_that_the_right_imager_sees() -> Non
     ):
         assert found.side == true.side and found.usable.any()
         np.testing.assert_allclose(found.points_m, true.points_m, atol=1e-6)
+
+
+def test_a_misaligned_imager_sees_nothing_from_beyond_the_border() -> None:
+    """An image that lies 3 px to the right and 2 px lower shows what those pixels' rays meet."""
+    off = [("right.alignment.offset_x_px", 3.0), ("right.alignment.offset_y_px", 2.0)]
+    sensor = with_values(SENSOR, off)
+    points = _seen(sensor, scene=builtin.wall(1.0))[1].points_m
+    known = np.isfinite(points[..., 2])
+    rows, columns = np.indices(known.shape)
+    for axis, place, moved, at in ((0, columns, 3, SENSOR.cx_px), (1, rows, 2, SENSOR.cy_px)):
+        shift = SENSOR.baseline_m if axis == 0 else 0.0
+        tangent = np.asarray((points[..., axis] - shift) / points[..., 2])
+        expected = (place - moved - at) / SENSOR.fx_px
+        np.testing.assert_allclose(tangent[known], expected[known], atol=2e-5)
+    assert not known[:, :3].any() and not known[:2].any()
+    assert known[5:-5, 6:-5].all()
+
+
+def test_burnt_pixels_and_those_beside_edges_are_not_usable() -> None:
+    plain = _seen(SENSOR)[0]
+    burnt = np.zeros((SENSOR.height, SENSOR.width), np.float32)
+    burnt[60:80, 100:140] = SENSOR.left.ceiling_dn
+    found = _seen(SENSOR, left=burnt)[0].usable
+    assert plain.usable[60:80, 100:140].any() and not found[60:80, 100:140].any()
+    expected = plain.usable.copy()
+    expected[60:80, 100:140] = False
+    np.testing.assert_array_equal(found, expected)
+    disparity = SENSOR.focal_baseline_px_m / plain.points_m[..., 2]
+    edges = metrics.depth_edges(disparity)
+    assert edges.any() and not plain.usable[edges].any()
+
+
+def test_where_the_reference_knows_nothing_the_left_image_tells_nothing() -> None:
+    """Unless the surface is known by itself, in metres."""
+    truth = np.ones((SENSOR.height, SENSOR.width), np.float32)
+    truth[:, 100:140] = np.nan
+    plain = _seen(SENSOR)
+    left, right = _seen(SENSOR, truth_m=truth, metric=False)
+    assert plain[0].usable[:, 100:140].any() and not left.usable[:, 100:140].any()
+    np.testing.assert_array_equal(left.usable[:, 140:], plain[0].usable[:, 140:])
+    np.testing.assert_array_equal(right.usable, plain[1].usable)
+    metric = _seen(SENSOR, truth_m=truth)[0]
+    np.testing.assert_array_equal(metric.usable, plain[0].usable)

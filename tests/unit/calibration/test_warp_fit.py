@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from calibration import heldout
+from calibration.geometry import warp_fit
 from calibration.geometry.warp_fit import COLUMNS, fit_warp
 from calibration.observation import Observation
 from patterns.errors import InputError
@@ -72,3 +73,17 @@ def test_one_room_is_too_few(captured: list[Observation]) -> None:
     bare = replace(captured[1], right=None)
     with pytest.raises(InputError, match="must hold infrared pairs of 2 rooms for the warp; got 1"):
         fit_warp([captured[0], bare], SENSOR)
+
+
+def test_a_difference_is_of_the_right_image_s_cell() -> None:
+    """Where a match lies, to the nearest pixel; of what lies beyond the border nothing is told."""
+    x = np.broadcast_to(np.arange(64), (36, 64))
+    disparity = np.full((36, 64), 4.4, np.float32)
+    pixel = np.rint(x - 4.4)
+    found = warp_fit._medians((pixel // 2).astype(np.float32), disparity)
+    assert found.shape == (18, COLUMNS)
+    np.testing.assert_array_equal(found[:, :29], np.broadcast_to(np.arange(29), (18, 29)))
+    assert np.isnan(found[:, 30:]).all()
+    rows = np.broadcast_to(np.arange(36)[:, None] // 2, (36, 64)).astype(np.float32)
+    down = warp_fit._medians(rows, disparity)
+    np.testing.assert_array_equal(down[:, 5], np.arange(18))

@@ -6,6 +6,9 @@ shifts of its points, with other formulas than the fit's.
 
 from __future__ import annotations
 
+import dataclasses
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,9 +17,10 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from diagnosis import pose
-from sim import sensors
+from sim import png, sensors
 from sim.capture_info import CaptureInfo
 from sim.capture_writer import info_of
+from sim.depth import to_code
 from sim.scene import ModelError
 from sim.sensor_edits import with_values
 
@@ -96,3 +100,78 @@ def test_too_little_tells_nothing(known):
     seen = np.full((SENSOR.height, SENSOR.width), np.nan)
     seen[:, : int(known * SENSOR.width)] = 0.2
     assert pose.fitted(seen, room(), INFO) is None
+
+
+def wall(depth_m: float = 1.0) -> np.ndarray:
+    return np.full((SENSOR.height, SENSOR.width), depth_m, np.float32)
+
+
+def test_pixels_that_are_not_square_are_reckoned_with():
+    """A tilted plane that sinks by 1 cm: n . p = c becomes n . p = c + n . t."""
+    info = dataclasses.replace(INFO, fy_px=450.0)
+    ray_y = (np.arange(SENSOR.height)[:, None] - info.cy_px) / info.fy_px
+    along = np.broadcast_to(0.5 * ray_y + 1, (SENSOR.height, SENSOR.width))
+    before, after = ((c / along).astype(np.float32) for c in (1.5, 1.5 + 0.5 * 0.01))
+    found = pose.moved(before, info, ModelError(shift_m=(0.0, 0.01, 0.0)))
+    inside = np.s_[10:-10, 10:-10]
+    assert_allclose(found[inside], after[inside], rtol=3e-4)
+
+
+def test_a_fence_tells_nothing():
+    """Where every pixel is beside an edge no disparity is the surface's own."""
+    fence = np.where(np.indices((SENSOR.height, SENSOR.width))[1] % 8 < 4, 1.0, 2.0)
+    assert pose.fitted(np.zeros(fence.shape), fence.astype(np.float32), INFO) is None
+
+
+@pytest.mark.parametrize(("squares", "told"), [(59, False), (60, True)])
+def test_ten_squares_for_each_number_are_enough(squares: int, told: bool):
+    """Of 32 px, 15 in a row."""
+    seen = np.full((SENSOR.height, SENSOR.width), np.nan)
+    for number in range(squares):
+        row, column = divmod(number, 15)
+        seen[32 * row : 32 * row + 32, 32 * column : 32 * column + 32] = 0.0
+    assert (pose.fitted(seen, wall(), INFO) is not None) == told
+
+
+def test_squares_that_are_far_off_count_little():
+    """A sixth of the wall is 3 px off, as where a thing was put there since."""
+    seen = np.full((SENSOR.height, SENSOR.width), -0.2)
+    seen[64:192, 320:448] -= 3.0
+    found = pose.fitted(seen, wall(), INFO)
+    assert found is not None
+    focal_baseline = INFO.disparity_px(np.array(1.0))
+    # Farther by z a wall at 1 m has f b z less disparity.
+    assert found.shift_m[2] == pytest.approx(0.2 / focal_baseline, rel=0.05)
+
+
+def test_noise_alone_moves_a_reference_no_farther_than_is_expected():
+    """A wall all but parallel to the image tells next to nothing of shifts along it."""
+    x = np.arange(SENSOR.width) - INFO.cx_px
+    slanted = np.broadcast_to(1 + 5e-5 * x, (SENSOR.height, SENSOR.width)).astype(np.float32)
+    noise = np.random.default_rng(1).normal(0, 4.0, slanted.shape)
+    found = pose.fitted(noise, slanted, INFO)
+    assert found is not None
+    assert np.abs(found.turn_deg).max() < 0.2 and np.abs(found.shift_m).max() < 3e-3
+
+
+def test_ten_squares_tell_as_much_as_one():
+    """A wall is farther by what is expected, 0.1 px, in squares that are off by 0.22 px to and fro.
+
+    120 squares were worth 12, of 0.33 px by the median and a tenth less by Cauchy's weights: 0.1 px
+    to one deviation, as sure as what is expected. About half of the way is believed.
+    """
+    far = float(INFO.disparity_px(np.array(1.0)) - INFO.disparity_px(np.array(1.003)))
+    rows, columns = np.indices((SENSOR.height, SENSOR.width)) // 32
+    found = pose.fitted(0.22 * (-1.0) ** (rows + columns) - far, wall(), INFO)
+    assert found is not None
+    assert found.shift_m[2] == pytest.approx(0.5 * 3e-3, rel=0.2)
+
+
+def test_a_posed_scene_gives_its_reference_as_it_stands(tmp_path: Path):
+    moves = ModelError(shift_m=(0.0, 0.0, 0.02))
+    scene = pose.Posed(name="a", room="a", path=tmp_path, info=INFO, frames=(0,), pose=moves)
+    assert scene.truth_m() is None
+    (tmp_path / "truth.png").write_bytes(png.encode(to_code(wall(), INFO.depth_unit_m)))
+    found = scene.truth_m()
+    assert found is not None
+    assert_allclose(found[50:-50, 50:-50], 1.02, rtol=1e-5)

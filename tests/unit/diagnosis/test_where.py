@@ -16,7 +16,7 @@ from diagnosis.where.materials import materials
 from diagnosis.where.where import where
 from sim.scene import Material
 from sim.scenes import builtin
-from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, made
+from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND
 
 SCENES = 6
 AXES = (np.linspace(-0.5, 0.9, 240), np.linspace(-0.2, 0.6, 160))  # Across and down a field.
@@ -40,42 +40,6 @@ def readings(seed: int, ours: float, device: float | None) -> list[Reading]:
         )
         for scene in range(SCENES)
     ]
-
-
-def test_the_gap_is_parted_between_image_and_matcher():
-    found = swap.swap(readings(0, 0.02, None), readings(100, 0.05, 0.11), [GROUND] * SCENES, ROOMS)
-    rate = found["ndp_rate"]
-    assert rate.base == pytest.approx(0.02, abs=0.003)
-    assert rate.image is not None and rate.matcher is not None
-    assert rate.image[0] == pytest.approx(0.03, abs=0.004)
-    assert rate.matcher[0] == pytest.approx(0.06, abs=0.004)
-    _, low, high = rate.image
-    assert low is not None and high is not None and low < 0.03 < high
-    assert rate.image_share == pytest.approx(1 / 3, abs=0.05)
-    assert found["nmad_px"].base == pytest.approx(0.1, rel=0.05)
-
-
-def test_without_device_depth_or_infrared_a_part_is_missing():
-    grounds = [GROUND] * SCENES
-    found = swap.swap(readings(0, 0.02, None), readings(100, 0.05, None), grounds, ROOMS)[
-        "ndp_rate"
-    ]
-    assert found.device is None and found.matcher is None and found.image_share is None
-    depth_only = [dataclasses.replace(one, ours_px=None) for one in readings(9, 0.05, 0.1)]
-    found = swap.swap(readings(0, 0.02, None), depth_only, grounds, ROOMS)["ndp_rate"]
-    assert found.rematched is None and found.image is None and found.device is not None
-
-
-def test_two_devices_are_compared_by_what_each_adds_to_our_matcher():
-    """Images lose 3 points, this device 4 more than ours, the other 1."""
-    grounds = [GROUND] * SCENES
-    found = swap.swap(readings(0, 0.02, 0.03), readings(100, 0.05, 0.09), grounds, ROOMS)[
-        "ndp_rate"
-    ]
-    assert found.image is not None and found.matcher is not None and found.base_device is not None
-    assert found.image[0] == pytest.approx(0.03, abs=0.004)
-    assert found.matcher[0] == pytest.approx(0.03, abs=0.004)
-    assert found.base_device == pytest.approx(0.03, abs=0.003)
 
 
 def holes(seed: int, where: np.ndarray | None = None) -> np.ndarray:
@@ -128,6 +92,9 @@ def test_pixels_are_parted_by_what_bodies_are_made_of():
     np.testing.assert_array_equal(found["wood"], GROUND.counted & (body != 2))
     alone: Any = SimpleNamespace(bodies=bodies[:1])
     assert materials(alone, ground) == {}  # All of one.
+    unseen: Any = SimpleNamespace(bodies=bodies)
+    first = dataclasses.replace(ground, body=np.minimum(body, 1))
+    assert materials(unseen, first) == {}  # And of two, where no pixel shows the other.
 
 
 def test_gaps_that_cancel_have_no_shares():
@@ -303,15 +270,6 @@ def test_a_map_holds_the_scenes_that_have_infrared():
     bare = dataclasses.replace(pairs[2], left=None, right=None)
     found = maps_of.maps([*pairs[:2], bare], [*pairs[:2], bare], [GROUND] * 3, ROOMS[:3])
     assert {one.quantity for one in found} == {"infrared", "error", "holes"}
-
-
-def test_where_nothing_is_scored_there_are_no_errors():
-    """The left band is not scored; where the reference lies in it alone, nothing is."""
-    x = np.indices(DISPARITY.shape)[1]
-    left = made(np.where(x < 20, DISPARITY, np.nan).astype(np.float32))
-    one = readings(0, 0.02, None)[:1]
-    found = swap.swap(one, one, [left], ["hall"])
-    assert found["nmad_px"].base is None and found["ndp_rate"].base is not None
 
 
 def test_maps_have_the_gap_s_sign_and_the_projector_s_axes():

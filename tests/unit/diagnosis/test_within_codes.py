@@ -62,6 +62,15 @@ def test_what_is_far_above_rounding_stays():
     assert finest(found) == pytest.approx(finest(image), rel=0.03)
 
 
+def test_noise_as_loud_as_rounding_keeps_its_power():
+    """What is drawn has the codes' power less that of rounding and of what is taken for dots',
+    not the lesser power of what is likeliest."""
+    rng = np.random.default_rng(3)
+    codes = np.rint(averaged(0.0, 1.0) + rng.normal(0, 0.32, SHAPE)).astype(np.uint8)
+    wanted = finest(codes.astype(float)) - 1 / 12 - 0.02
+    assert finest(levels(codes)) == pytest.approx(wanted, rel=0.06)
+
+
 def test_even_places_lie_anywhere_within_their_codes_and_otherwise_in_each_image():
     """Law: moved by a share of a code, that share of them has another."""
     codes = np.kron(np.array([[7, 8], [9, 30]], np.uint8), np.ones((300, 400), np.uint8))
@@ -71,6 +80,9 @@ def test_even_places_lie_anywhere_within_their_codes_and_otherwise_in_each_image
     for moved in (0.1, 0.3, 0.5, 0.8):
         changed = np.rint(left + moved) > np.rint(left)
         assert changed.mean() == pytest.approx(moved, abs=0.06)
+    # And by no more than what rounds to the code again.
+    assert np.abs(left - codes)[100:200, 100:300].max() < 0.55
+    assert abs((left - codes).mean()) < 0.05
     assert np.abs(np.diff(left[100:200, 100:300], axis=1)).max() < 0.2
     assert abs(np.corrcoef((left - codes).ravel(), (right - codes).ravel())[0, 1]) < 0.15
 

@@ -11,9 +11,11 @@ from numpy.testing import assert_allclose
 
 from patterns.errors import InputError
 from sim import capture_info, png, sensors, simulate
+from sim import imager as imagers
 from sim.capture import CapturedScene, open_set
 from sim.capture_writer import info_of
 from sim.depth import to_code
+from sim.light.signals import Signals
 from sim.scenes import captured, room_light
 from sim.scenes.room_light import Lit
 from sim.sensor import Sensor
@@ -150,3 +152,36 @@ def test_what_is_smoothed_is_parted_where_the_surface_is(tmp_path):
     )
     assert_allclose(parted, np.tile([0.5 * 100 / 75, 0.5 * 50 / 75], (50, 1)), rtol=0.03)
     assert_allclose(mixed.mean(), 0.5, rtol=0.03)
+
+
+def test_what_other_light_makes_is_no_reflectance():
+    """Sun and other projectors brighten a part of an even wall, as do dots and ambient light."""
+    rng = np.random.default_rng(0)
+    laser, ambient, other = (rng.uniform(0.5, 1.5, SHAPE).astype(np.float32) for _ in range(3))
+    light = Signals(laser=laser, ambient=ambient, other=other)
+    level = painted() * (laser + 0.8 * ambient + other)
+    found = room_light.reflectance(level.astype(np.float32), light, 0.8, lambda image: image)
+    assert_allclose(found, painted(), rtol=1e-3)
+
+
+def test_no_reflectance_is_beyond_what_surfaces_have():
+    brightness = np.ones(SHAPE, np.float32)
+    brightness[0, 0], brightness[-1, -1] = 0.0, 5.0
+    found = room_light.believable(brightness)
+    assert found[0, 0] == np.float32(0.01) and found[-1, -1] == np.float32(0.95)
+    assert_allclose(found[1:-1], 0.5, rtol=1e-3)
+
+
+def test_a_room_without_other_light_is_dark():
+    """The least of what is looked for, 0.01 W m^-2, where dots alone are seen."""
+    dots = np.zeros(SHAPE, np.float32)
+    dots[5::9, 5::9] = 1.0
+    spots = np.asarray(cv2.GaussianBlur(dots, (0, 0), 1.55), np.float32)
+    light = Signals(laser=spots, ambient=np.ones_like(spots), other=np.zeros_like(spots))
+    left = SENSOR.left
+    electrons = spots / spots.max() * np.float32(150 / left.dn_per_electron)
+    read = imagers.read_out(
+        left, electrons, exposure_s=left.exposure_s, unit=0, side="left", seed=9, frame=0
+    ).delivered.astype(np.float32)
+    found = room_light.ambient_w_m2(read - np.float32(left.black_level_dn), light, left)
+    assert found < 0.0105

@@ -73,6 +73,87 @@ def test_a_point_spreads_by_the_same_length_at_every_distance(
         assert sigma * depth_m / 600 == pytest.approx(sigma_m, rel=0.02)
 
 
+@pytest.mark.parametrize("sigma_m", [0.007, 0.009, 0.011])
+def test_a_wide_spread_is_as_wide_and_stays_where_it_is(sigma_m: float) -> None:
+    """Sigmas of 8 to 13 px, computed on an image of a half or a third of the size.
+
+    Of points in the mean: each is taken for the middle of the large pixel that it falls into.
+    """
+    means, squares = [], []
+    for step in range(6):
+        light = np.zeros(SHAPE, np.float32)
+        light[60 + step, 90 + step] = 1
+        out = _spread(light, *_flat(0.5), sigma_m)
+        rows, columns = np.indices(SHAPE) - step
+        for away in (rows - 60, columns - 90):
+            means.append((out * away).sum() / out.sum(dtype=np.float64))
+            squares.append((out * away**2).sum() / out.sum(dtype=np.float64))
+    assert np.mean(means[::2]) == pytest.approx(0, abs=0.05)
+    assert np.mean(means[1::2]) == pytest.approx(0, abs=0.05)
+    assert np.sqrt(np.mean(squares)) == pytest.approx(600 * sigma_m / 0.5, rel=0.003)
+
+
+def test_a_width_between_those_computed_has_its_own_variance() -> None:
+    """4.8 px, of a body that has 4 px and 5.6 px in its corners."""
+    depth_m, body = _flat(0.5)
+    depth_m[0, 0], depth_m[-1, -1] = 0.6, 0.6 / 1.4
+    for sigma in _sigma_px(_spread(_point(), depth_m, body, 0.004)):
+        assert sigma == pytest.approx(4.8, rel=0.005)
+
+
+def test_pixels_that_are_not_square_see_one_length() -> None:
+    sensor = dataclasses.replace(_sensor(), fy_px=450.0)
+    scene = _scene(Finish(of="wax", subsurface_m=0.004))
+    out = subsurface.spread(_point(), *_flat(0.5), scene, sensor)
+    across, down = _sigma_px(out)
+    assert across == pytest.approx(4.8, rel=0.02)
+    assert down == pytest.approx(3.6, rel=0.02)
+
+
+def test_the_gaussian_is_normalised_over_the_body_s_pixels() -> None:
+    """By sums over all pairs of pixels of a small body, which the image's border cuts."""
+    shape = (24, 30)
+    rows, columns = np.indices(shape)
+    body = np.where((rows - 6) ** 2 + (columns - 5) ** 2 < 130, 1, 2).astype(np.uint32)
+    light = np.random.default_rng(3).random(shape).astype(np.float32)
+    inside = body == 1
+    at = np.stack([rows[inside], columns[inside]], axis=1).astype(float)
+    near = np.exp(-((at[:, None] - at[None]) ** 2).sum(axis=2) / (2 * 2.0**2))
+    wanted = (near @ light[inside]) / near.sum(axis=1)
+    depth_m = np.full(shape, 0.6, np.float32)
+    out = _spread(light, depth_m, body, 0.002)
+    np.testing.assert_allclose(out[inside], wanted, rtol=2e-3)
+    assert np.array_equal(out[~inside], light[~inside])
+
+
+def test_light_of_what_stands_within_a_body_s_outline_stays_out_of_it() -> None:
+    depth_m, body = _flat(0.7)
+    body[50:70, 80:100] = 2
+    light = (body == 2).astype(np.float32)
+    before = light.copy()
+    out = _spread(light, depth_m, body, 0.003)
+    assert np.array_equal(out, before)
+    assert np.array_equal(light, before)
+
+
+def test_every_body_that_a_finish_touches_spreads_its_own_light() -> None:
+    depth_m, body = _flat(0.7)
+    body[:, 90:] = 2
+    light = np.zeros(SHAPE, np.float32)
+    light[60, 45] = light[60, 135] = 1
+    before = light.copy()
+    out = _spread(light, depth_m, body, 0.003, of="*")
+    assert np.array_equal(light, before)  # What is spread is a copy.
+    np.testing.assert_allclose(out[:, :90], out[:, 90:180], atol=1e-7)
+    assert out[60, 45] < 0.1
+
+
+def test_little_is_not_nothing() -> None:
+    """A tenth of a pixel: a hundredth of a dot's light is beside it."""
+    out = _spread(_point(), *_flat(0.6), 1e-4)
+    assert 0.95 < out[60, 90] < 0.999
+
+
 def test_sigma_follows_the_depth_within_one_image() -> None:
     """Two points on one body, one twice as far: its blur has half the pixels.
 

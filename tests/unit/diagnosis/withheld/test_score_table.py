@@ -51,8 +51,41 @@ def test_text_of_scores(effect: Make, say: Make, answer: Make, camera: Nominal) 
     assert len(ends) == 1
 
 
+def test_every_score_has_a_line_of_its_own(camera: Nominal) -> None:
+    """Numbers that no two scores share are each told once, beside what they are of."""
+    found = score([], camera, families={}, tier=1)
+    names = [key for key, value in found.items() if value is None]
+    told = {name: 0.101 + 0.002 * number for number, name in enumerate(names)}
+    lines = text({**found, **told}).splitlines()
+    by_value = {cell: line for line in lines for cell in line.split() if cell.startswith("0.")}
+    words = {name: by_value[f"{value:.3g}"] for name, value in told.items()}
+    assert len(names) > 15 and len(set(words.values())) == len(names)
+    for name, start in (
+        ("coverage", "one effect: strength within the interval"),
+        ("false_named", "no effect: an effect named"),
+        ("pairs_first", "two effects: one of them named first"),
+        ("unknown_recall_outside", "unknown effects: of those in no table"),
+        ("unknown_recall_left_out", "unknown effects: of those left out with their twins"),
+        ("unknown_recall_family", "unknown effects: of those left out without twins"),
+        ("unknown_false", "others: said to be unknown"),
+        ("unknown_false_effects", "one or two effects: said to be unknown"),
+        ("closed_not_identifiable", "one or two effects: named, closing not told"),
+    ):
+        assert words[name].startswith(start), name
+
+
+def test_what_is_closed_is_told_by_metric(camera: Nominal) -> None:
+    found = score([], camera, families={}, tier=1)
+    metric = {"bias_px": {"cases": 4, "median": 61.0}}
+    lines = text({**found, "closed_by_metric": metric}).splitlines()
+    title = next(line for line in lines if line.startswith("gap closed [%]"))
+    assert title.split()[-2:] == ["cases", "median"]
+    assert lines[lines.index(title) + 1].split() == ["bias_px", "4", "61"]
+
+
 def test_what_scores_rest_on_is_said() -> None:
     assert opening(1, code_as_sealed=True).endswith("opened once; the code is as it was sealed.\n")
+    assert "opened 2 times; the code is as" in opening(2, code_as_sealed=True)
     assert "3 times; the code is another than was" in opening(3, code_as_sealed=False)
 
 

@@ -32,6 +32,13 @@ def test_a_verdict_is_read(effect: Make, say: Make, tmp_path: Path) -> None:
     assert read.seconds == 2.0
 
 
+def test_a_set_is_of_effects_whatever_their_parameters(effect: Make, say: Make) -> None:
+    alike = effect("second_projector.x", "left", "second_projector.power", "veil")
+    read = verdict.from_table({**say("effects", alike), "seconds": 0})
+    assert read.named[0].rows == {"second_projector", "veil"}
+    assert read.seconds == 0.0
+
+
 def test_stand_ins_are_not_named(effect: Make, say: Make) -> None:
     read = verdict.from_table(say("none of the known", effect("lens_blur")))
     assert read.effects and not read.named and read.first is None
@@ -68,6 +75,8 @@ def test_one_arm_is_taken_alone(effect: Make, say: Make) -> None:
     assert depth.kind == "none of the known" and [one.name for one in depth.effects] == ["median"]
     said["baselines_by_arm"]["depth"] = {"cosine": "veil"}
     assert verdict.from_table(said).of_arm("depth").baselines == {"cosine": "veil"}
+    said["left"]["depth"]["beyond"] = said["left"]["depth"]["below"]
+    assert verdict.from_table(said).of_arm("depth").kind == "effects"  # As much is explained.
     alone = verdict.from_table(say("effects", effect("median", 3, arm="depth")))
     assert alone.of_arm("image").kind == "no gap"
     with pytest.raises(WithheldError, match=r"arm must be one of \['depth', 'image'\]; got whole"):

@@ -1,0 +1,84 @@
+"""Sentences on what levels leave open, one for each way that it can be so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.photometry import light_model, photometry_open
+from calibration.photometry.light_model import FALLOFF, HAZE, LEFT_BLACK, POWER, VIGNETTING
+from calibration.solution import Estimate
+
+AMBIENT = light_model.ambient("hall")
+
+
+def image(*, on: bool = True, scene: str = "hall", lowest_dn: float = 5.0) -> Any:
+    return SimpleNamespace(on=on, scene=scene, side="left", lowest_dn=lowest_dn)
+
+
+def estimate(name: str, value: float, sd: float) -> Estimate:
+    return Estimate(name=name, value=value, sd=sd, unit="", start=value)
+
+
+def said(
+    estimates: Sequence[Estimate],
+    images: Sequence[Any] = (image(),),
+    correlation: float = 0.0,
+    *,
+    eliminate: bool = False,
+) -> str:
+    deviation = np.array([one.sd for one in estimates])
+    covariance = np.diag(deviation**2)
+    if correlation:
+        covariance[0, 1] = covariance[1, 0] = correlation * deviation[0] * deviation[1]
+    found = photometry_open.sentences(
+        estimates,
+        covariance,
+        images=images,
+        values={POWER: 0.2},
+        eliminate=eliminate,
+        means=False,
+        scatter=None,
+    )
+    return "\n".join(found)
+
+
+def test_an_image_without_the_projector_needs_no_shape_of_dots() -> None:
+    held = [estimate(POWER, 0.2, np.inf), estimate(HAZE, 0.1, 0.01)]
+    dots = "with the emitter off too the ratio no longer rests on the dots' shape"
+    lit, both = (
+        said(held, images, eliminate=True) for images in ([image()], [image(), image(on=False)])
+    )
+    assert dots in lit and "grey card" not in lit
+    assert dots not in both and "grey card" in both
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "named"), [(6.4, 0.3, False), (7.0, 0.3, True), (7.0, 0.6, False)]
+)
+def test_a_black_level_above_the_darkest_pixels_is_named(
+    value: float, sd: float, named: bool
+) -> None:
+    """By more than 1 DN and two deviations, of the darkest image of that side."""
+    images = [image(lowest_dn=9.0), image(lowest_dn=5.0)]
+    text = said([estimate(LEFT_BLACK, value, sd)], images)
+    assert (f"{LEFT_BLACK} = {value:.3g} DN exceeds the darkest pixels' 5 DN" in text) == named
+
+
+@pytest.mark.parametrize(("correlation", "named"), [(0.99, True), (-0.99, True), (-0.9, False)])
+def test_two_that_go_together_are_named_whichever_way(correlation: float, named: bool) -> None:
+    both = [estimate(FALLOFF, 1.0, 0.1), estimate(AMBIENT, 1.0, 0.2)]
+    text = said(both, correlation=correlation)
+    assert (f"{FALLOFF} and {AMBIENT} cannot be told apart" in text) == named
+
+
+def test_a_deviation_wider_than_the_range_tells_nothing() -> None:
+    """Anywhere from 0 to 20 has a deviation of 20 / sqrt(12) = 5.8."""
+    assert f"{FALLOFF} is open: its deviation of 6 is more" in said([estimate(FALLOFF, 3.0, 6.0)])
+    assert "is open" not in said([estimate(FALLOFF, 3.0, 5.5)])
+    assert "is open" in said([estimate(HAZE, 0.3, 0.3)])
+    assert "is open" not in said([estimate(VIGNETTING, 3.0, 0.3)])
