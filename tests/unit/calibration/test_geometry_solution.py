@@ -23,9 +23,12 @@ def product(sensor: Sensor, name: str) -> float:
     return sensor.projector.position_m[0] / sensor.baseline_m
 
 
-def test_combinations_have_the_deviation_of_their_differences() -> None:
+@pytest.mark.parametrize("x_m", [0.029, 0.0])
+def test_combinations_have_the_deviation_of_their_differences(x_m: float) -> None:
     """f b and the projector's place over b, by moving each parameter a little."""
-    ended = with_values(SENSOR, [("baseline_m", SENSOR.baseline_m * 1.02)])
+    position = [x_m, *SENSOR.projector.position_m[1:]]
+    edits = [("baseline_m", SENSOR.baseline_m * 1.02), ("projector.position_m", position)]
+    ended = with_values(SENSOR, edits)
     root = np.random.default_rng(0).standard_normal((len(ROWS), len(ROWS)))
     found = Uncertainty(
         covariance=root @ root.T,
