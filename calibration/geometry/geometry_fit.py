@@ -193,10 +193,9 @@ def derived(
         value, begun = (_product(where, powers) for where in (ended, sensor))
         for number, row in enumerate(free):
             if row.name in powers:
-                power, at = powers[row.name], parameters.value(ended, row.name)
-                others = {key: of for key, of in powers.items() if key != row.name}
-                steepness = power * at ** (power - 1) * _product(ended, others)
-                slope[number] = steepness * unit[number]
+                power = powers[row.name]
+                lowered = powers | {row.name: power - 1}
+                slope[number] = power * _product(ended, lowered) * unit[number]
         if slope.any():
             sd = float(np.sqrt(slope @ found.covariance @ slope))
             out.append(Estimate(name=name, value=value, sd=sd, unit=text, start=begun))
