@@ -41,10 +41,10 @@ class Path:
     exposure_s: float
     steps: int  # Moments that follow one another.
 
-    def at(self, time_s: float, place: Placed) -> Placed:
-        """Place of a part of the rig at a time, for each pixel by its own delay."""
+    def at(self, time_s: Any, place: Placed) -> Placed:
+        """Place of a part of the rig at times of all pixels in turn, by each one's own delay."""
         dr = backend.drjit()
-        time = opaque("Float", [time_s]) + self.delay
+        time = time_s + dr.tile(self.delay, dr.width(time_s) // dr.width(self.delay))
         sine, cosine = dr.sincos(self.rate * time)
 
         def turned(vector: Any) -> Any:  # Rodrigues' formula.
@@ -129,8 +129,8 @@ def moments(subpixels: int, path: Path | None) -> list[tuple[float, float, float
     ]
 
 
-def at(path: Path | None, time_s: float, camera: Camera, lights: Lights) -> tuple[Camera, Lights]:
-    """Give imager and lights at a time; the same objects where nothing moves.
+def at(path: Path | None, time_s: Any, camera: Camera, lights: Lights) -> tuple[Camera, Lights]:
+    """Give imager and lights at times of all pixels in turn; the same where nothing moves.
 
     The sun and other devices keep still.
     """

@@ -23,6 +23,8 @@ from sim.sensor import Sensor
 from sim.specular import Specular
 from sim.stage import Stage
 
+_RAYS = 4_000_000  # Of one launch: their positions and radiances take some 100 MB.
+
 
 def layers(
     stage: Stage,
@@ -87,26 +89,31 @@ def _view(
     path: motion.Path | None,
     centres: tuple[Image, NDArray[np.uint32]],
 ) -> View:
-    """Average n x n fixed positions a pixel; one kernel, launched n^2 times, more where it moves.
+    """Average n x n fixed positions a pixel, at more moments where it moves.
 
-    Depth and body are those of the pixels' centres (see `_centres`), of the glass itself where
+    As many moments as memory allows are traced by one launch: to tell Dr.Jit what to do takes
+    longer than a small image's rays. Depth and body are those of the pixels' centres (see `_centres`), of the glass itself where
     there is glass.
     """
     mi, dr = backend.mitsuba(), backend.drjit()
-    count = camera.size[0] * camera.size[1]
-    sums = [dr.zeros(mi.Float, count) for _ in range(lights.count)]
+    shape, count = camera.size[::-1], camera.size[0] * camera.size[1]
     moments = motion.moments(subpixels, path)
-    for *shift, time_s in moments:
+    sums = np.zeros((lights.count, *shape), np.float32)
+    most = max(1, _RAYS // count)
+    for begin in range(0, len(moments), most):
+        together = moments[begin : begin + most]
+        x, y, time_s = (dr.repeat(mi.Float(each), count) for each in zip(*together, strict=True))
         there, lit = motion.at(path, time_s, camera, lights)
-        ray = there.ray(pixels(camera.size) + opaque("Vector2f", shift))
+        ray = there.ray(dr.tile(pixels(camera.size), len(together)) + mi.Vector2f(x, y))
         if stage.specular is None:
             seen = lit.returned(stage, stage.mitsuba.ray_intersect(ray))
         else:
             seen = _seen(stage, stage.specular, lit, ray)
-        sums = [total + part for total, part in zip(sums, seen, strict=True)]
-        dr.eval(*sums)
-    shape, share = camera.size[::-1], np.float32(1 / len(moments))
-    direct, ambient, *other = (total.numpy().reshape(shape) * share for total in sums)
+        dr.eval(*seen)
+        for total, parts in zip(sums, seen, strict=True):
+            for part in parts.numpy().reshape(-1, *shape):
+                total += part
+    direct, ambient, *other = sums * np.float32(1 / len(moments))
     depth, body = centres
     return View(
         projector_direct=direct,

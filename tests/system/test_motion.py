@@ -99,6 +99,21 @@ def test_a_long_smear_is_smooth():
     assert np.abs(share[inside] - line).max() < 1 / 40
 
 
+@pytest.mark.parametrize("at_once", [1, 3])
+def test_how_many_moments_are_traced_at_once_changes_no_bit(at_once, monkeypatch):
+    """Of a still and of a rolling imager, all of 40 moments at once or `at_once`."""
+    shutter = dataclasses.replace(small().left, rolling_shutter_s=EXPOSURE_S)
+    for speed_m_s, sensor in ((0.0, small()), (7.5, small(left=shutter))):
+        made = edge(Motion(velocity_m_s=(speed_m_s, 0.0, 0.0)))
+        whole = render.layers(made, sensor, subpixels=2, exposure_s=EXPOSURE_S)
+        with monkeypatch.context() as patched:
+            patched.setattr(render, "_RAYS", at_once * 160 * 120)
+            parts = render.layers(made, sensor, subpixels=2, exposure_s=EXPOSURE_S)
+        for one, other in ((whole.left, parts.left), (whole.right, parts.right)):
+            np.testing.assert_array_equal(one.ambient, other.ambient)
+            np.testing.assert_array_equal(one.projector_direct, other.projector_direct)
+
+
 def test_coarser_moments_smear_as_far_in_fewer_steps():
     """At most 2 px apart in place of a half: 16 moments in place of 40 for a ramp of 20 px."""
     made = edge(Motion(velocity_m_s=(7.5, 0.0, 0.0)), lean=0.0)

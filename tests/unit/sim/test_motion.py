@@ -65,7 +65,8 @@ def test_places_on_the_way_are_rigid_motions(velocity, turn, time):
     if moving.still:
         return
     found, left = path(moving, exposure_s=1e-6)
-    place = found.at(time, left.place)
+    times = np.full(left.size[0] * left.size[1], time, np.float32)
+    place = found.at(backend.mitsuba().Float(times), left.place)
     vt, wt = (tuple(value * time for value in rate) for rate in (velocity, turn))
     expected = frames.pose(vt, wt)
     axes = [np.array(axis)[:, 0] for axis in (place.x, place.y, place.z)]
