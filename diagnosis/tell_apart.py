@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from diagnosis import subject
 from diagnosis.reading import Reading
 from diagnosis.subject import Subject
-from diagnosis.which.bench import BITS, bench
+from diagnosis.which.bench import bench
 from diagnosis.which.candidates import Arm
 from diagnosis.which.left import group
 from diagnosis.which.null import FLOOR
+from diagnosis.which.rows import BITS
 from patterns.errors import InputError
 from sim.effects import setting
 from sim.effects.effect import Value

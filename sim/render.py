@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import backend, motion, placement
-from sim.camera import Camera, cameras, opaque, pixels
+from sim.camera import Camera, cameras, pixels
 from sim.layers import Image, Layers, Truth, View
 from sim.lights import Lights, towards_viewer
 from sim.projection import Light, between
@@ -92,8 +92,8 @@ def _view(
     """Average n x n fixed positions a pixel, at more moments where it moves.
 
     As many moments as memory allows are traced by one launch: to tell Dr.Jit what to do takes
-    longer than a small image's rays. Depth and body are those of the pixels' centres (see `_centres`), of the glass itself where
-    there is glass.
+    longer than a small image's rays. Depth and body are those of the pixels' centres (see
+    `_centres`), of the glass itself where there is glass.
     """
     mi, dr = backend.mitsuba(), backend.drjit()
     shape, count = camera.size[::-1], camera.size[0] * camera.size[1]

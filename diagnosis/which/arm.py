@@ -123,6 +123,9 @@ def screen(
     base = null.base(bench)
     if bench.arm is Arm.DEPTH and not always and _same(bench, base):
         candidates = ()
+    for one in candidates:
+        for node in coarse(one):
+            bench.begin({one.name: node})
     rough = tuple(
         made
         for one in tell(list(candidates), f"effects on the {bench.arm.value}")

@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,22 +16,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.crew import Crew
-from diagnosis.features import reading as features
-from diagnosis.reading import Reading
 from diagnosis.subject import Subject
 from diagnosis.which.candidates import Arm
-from patterns.errors import InputError, refuse
+from diagnosis.which.rows import (
+    Columns,
+    Row,
+    another_row,
+    base_features,
+    exposed_row,
+    finer_row,
+    in_order,
+    other_row,
+    otherwise_row,
+    row_of,
+    simulated_row,
+)
+from patterns.errors import refuse
 from sim import record
 from sim.effects import setting
 from sim.effects.effect import Effect, Value
 from sim.statistics import mean_known
 
-Row = NDArray[np.float64]  # (features,)
 Table = NDArray[np.float64]  # (scenes, features); NaN where a feature has too few pixels.
 Make = Callable[..., Row | None]  # Of a subject, columns and more.
 
 _BASE = "[]"  # What rows without effects are kept as.
-BITS = "dropped_bits"  # What a device's own depth differs by from its images' matched again.
 _OTHERS = (1, 2, 3)  # Devices, and seeds, in which effects are drawn anew,
 _RENDERED = (1,)  # or where each of them has to be rendered, which takes most of the time.
 # What rows follow from: where any of it is another, they are made again.
@@ -53,18 +63,13 @@ _SOURCES = tuple(
         "diagnosis/reading.py",
         "diagnosis/subject.py",
         "diagnosis/which/bench.py",
+        "diagnosis/which/rows.py",
         "diagnosis/within_codes.py",
     )
 )
 
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Columns:
-    """What is told of each scene, the same for all."""
-
-    arm: Arm
-    names: tuple[str, ...]
-    ceiling: float  # Largest code.
+_Key = tuple[int, str, int]  # Number of a scene, what is simulated, and the noise's seed.
+_Asked = tuple[str, int, Make, dict[str, Value]]  # What, the seed, by what, and with which effects.
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +80,8 @@ class Bench:
     columns: Columns
     cache: Path | None = None  # Folder that keeps what was simulated.
     crew: Crew | None = None  # Who simulates; None: this process.
-    _kept: dict[tuple[int, str, int], Row | None] = field(default_factory=dict, repr=False)
+    _kept: dict[_Key, Row | None] = field(default_factory=dict, repr=False)
+    _begun: dict[_Key, Future[Row | None]] = field(default_factory=dict, repr=False)
 
     @property
     def arm(self) -> Arm:
@@ -96,7 +102,7 @@ class Bench:
 
     def real(self) -> Table:
         """What was captured."""
-        return np.stack([_row(one.real, one, self.columns) for one in self.subjects])
+        return np.stack([row_of(one.real, one, self.columns) for one in self.subjects])
 
     def against(self) -> Table | None:
         """What the captures are compared with; None where that is simulated.
@@ -105,7 +111,7 @@ class Bench:
         what the other device differs from our matcher by.
         """
         others = [
-            _other_row(one.against, one, self.columns)
+            other_row(one.against, one, self.columns)
             for one in self.subjects
             if one.against is not None
         ]
@@ -122,8 +128,7 @@ class Bench:
 
         Equal seeds share all noise. Nothing is simulated twice.
         """
-        asked = dict(sorted(settings.items()))
-        return self._rows(repr(list(asked.items())), seed, simulated_row, asked)
+        return self._rows(*_simulation(settings, seed))
 
     def another(self, settings: Mapping[str, Value], *, number: int) -> Table | None:
         """What is simulated of another device of the kind, with noise of its own.
@@ -132,8 +137,19 @@ class Bench:
             settings: as `simulated`.
             number: of the device, from 1, and of the noise's seed.
         """
-        asked = dict(sorted(settings.items()))
-        return self._rows(f"another {list(asked.items())!r}", number, another_row, asked)
+        return self._rows(*_another(settings, number))
+
+    def begin(self, settings: Mapping[str, Value]) -> None:
+        """Have the crew begin what `change` asks of these effects; one process alone waits."""
+        if self.crew is None:
+            return
+        asked = [_simulation(settings, 0)]
+        for number in self._devices(settings):
+            asked += [_another(settings, number), _another({}, number)]
+        for text, seed, make, effects in asked:
+            for key in self._missing(text, seed):
+                if key not in self._begun:
+                    self._begun[key] = self._submitted(self.crew, key, make, effects)
 
     def finer(self, *, seed: int) -> Table:
         """What a device's own depth differs by from the depth of its images matched again, as its
@@ -163,21 +179,25 @@ class Bench:
         return rows
 
     def _rows(self, text: str, seed: int, make: Make, *arguments: Any) -> Table | None:
+        missing = self._missing(text, seed)
+        for key, row in zip(missing, self._made(missing, make, *arguments), strict=True):
+            self._kept[key] = row
+            kept = self._path(*key)
+            if kept is not None:
+                _save(kept, np.empty(0) if row is None else row)
+        rows = [self._kept[number, text, seed] for number in range(len(self.subjects))]
+        known = [row for row in rows if row is not None]
+        return np.stack(known) if len(known) == len(rows) else None
+
+    def _missing(self, text: str, seed: int) -> list[_Key]:
+        """What is neither known nor kept of what all scenes are asked."""
         keys = [(number, text, seed) for number in range(len(self.subjects))]
         for key in keys:
             kept = self._path(*key)
             if key not in self._kept and kept is not None and kept.is_file():
                 row = np.load(kept, allow_pickle=False)
                 self._kept[key] = row if row.size else None
-        missing = [key for key in keys if key not in self._kept]
-        for key, row in zip(missing, self._made(missing, make, *arguments, seed), strict=True):
-            self._kept[key] = row
-            kept = self._path(*key)
-            if kept is not None:
-                _save(kept, np.empty(0) if row is None else row)
-        rows = [self._kept[key] for key in keys]
-        known = [row for row in rows if row is not None]
-        return np.stack(known) if len(known) == len(rows) else None
+        return [key for key in keys if key not in self._kept]
 
     def change(self, settings: Mapping[str, Value]) -> Table | None:
         """What effects change, noise being equal; of what is drawn by lot, the mean of some.
@@ -205,23 +225,31 @@ class Bench:
         if with_effects is None:
             return None
         found = [with_effects - base]
-        for number in _others(settings) if self.arm is not Arm.DEPTH else ():
+        for number in self._devices(settings):
             other, base = self.another(settings, number=number), self.another({}, number=number)
             assert other is not None and base is not None  # As the first could be simulated.
             found.append(other - base)
         return np.stack(found)
 
-    def _made(
-        self, keys: Sequence[tuple[int, str, int]], make: Make, *arguments: Any
-    ) -> Iterator[Row | None]:
-        subjects = [self.subjects[number] for number, _, _ in keys]
+    def _devices(self, settings: Mapping[str, Value]) -> tuple[int, ...]:
+        """Which other devices tell how much what effects change varies from one to the next."""
+        return () if self.arm is Arm.DEPTH else _others(settings)
+
+    def _made(self, keys: Sequence[_Key], make: Make, *arguments: Any) -> Iterator[Row | None]:
         if self.crew is None:
-            for one in subjects:
-                yield make(one, self.columns, *arguments)
+            for number, _, seed in keys:
+                yield make(self.subjects[number], self.columns, *arguments, seed)
         else:
-            crew = self.crew
-            futures = [crew.submit(one.name, make, self.columns, *arguments) for one in subjects]
+            futures = [
+                self._begun.pop(key, None) or self._submitted(self.crew, key, make, *arguments)
+                for key in keys
+            ]
             yield from (future.result() for future in futures)
+
+    def _submitted(self, crew: Crew, key: _Key, make: Make, *arguments: Any) -> Future[Row | None]:
+        number, _, seed = key
+        name = self.subjects[number].name
+        return crew.submit(name, make, self.columns, *arguments, seed)
 
     def _path(self, number: int, text: str, seed: int) -> Path | None:
         if self.cache is None:
@@ -240,10 +268,22 @@ class Bench:
         """A scene's base, simulated anew in each run, as all that is kept departs from it."""
         key = (number, _BASE, 0)
         if key not in self._kept:
-            (self._kept[key],) = self._made([key], simulated_row, {}, 0)
+            (self._kept[key],) = self._made([key], simulated_row, {})
         row = self._kept[key]
         assert row is not None
         return row
+
+
+def _simulation(settings: Mapping[str, Value], seed: int) -> _Asked:
+    """Of the captured device."""
+    asked = dict(sorted(settings.items()))
+    return repr(list(asked.items())), seed, simulated_row, asked
+
+
+def _another(settings: Mapping[str, Value], number: int) -> _Asked:
+    """Of another device, whose number is the seed of its noise."""
+    asked = dict(sorted(settings.items()))
+    return f"another {list(asked.items())!r}", number, another_row, asked
 
 
 def _others(settings: Mapping[str, Value]) -> tuple[int, ...]:
@@ -278,87 +318,8 @@ def bench(
         futures = [crew.submit(one.name, base_features, arm, ceiling) for one in subjects]
         told = [future.result() for future in futures]
     columns = Columns(arm=arm, names=tuple(sorted(set().union(*told))), ceiling=ceiling)
-    base = {(number, _BASE, 0): _in_order(found, columns) for number, found in enumerate(told)}
+    base = {(number, _BASE, 0): in_order(found, columns) for number, found in enumerate(told)}
     return Bench(tuple(subjects), columns, cache, crew, {**base})
-
-
-def base_features(of: Subject, arm: Arm, ceiling: float) -> dict[str, float]:
-    """Features that one scene has in an arm, simulated without effects."""
-    return _features(arm, _simulated(of, arm, {}, 0), of, ceiling)
-
-
-def simulated_row(
-    of: Subject, columns: Columns, settings: Mapping[str, Value], seed: int
-) -> Row | None:
-    """Simulate one scene; None where its sensor cannot have these values."""
-    try:
-        reading = _simulated(of, columns.arm, settings, seed)
-    except InputError:
-        return None
-    row = _row(reading, of, columns)
-    if columns.arm is Arm.DEPTH and BITS in settings:
-        bits = {BITS: settings[BITS]}
-        row += finer_row(of, columns, bits, seed) - finer_row(of, columns, {}, seed)
-    return row
-
-
-def another_row(
-    of: Subject, columns: Columns, settings: Mapping[str, Value], number: int
-) -> Row | None:
-    """One scene's row of `Bench.another`."""
-    return simulated_row(of.another(number), columns, settings, number)
-
-
-def otherwise_row(of: Subject, columns: Columns, number: int) -> Row | None:
-    """One scene's row of `Bench.otherwise`; the base's where it has no such estimate."""
-    scene = of.otherwise(number) if number < len(of.estimates) else of
-    return simulated_row(scene, columns, {}, 0)
-
-
-def finer_row(of: Subject, columns: Columns, settings: Mapping[str, Value], seed: int) -> Row:
-    """One scene's row of `Bench.finer`."""
-    return _beside_ours(of.capture(settings, seed=seed), of, columns)
-
-
-def exposed_row(of: Subject, columns: Columns, seed: int) -> Row:
-    """One scene's row of `Bench.exposed`."""
-    return _row(of.expose_again(seed=seed), of, columns)
-
-
-def _simulated(of: Subject, arm: Arm, settings: Mapping[str, Value], seed: int) -> Reading:
-    if arm is Arm.DEPTH:
-        return of.rematch(settings)
-    if arm is Arm.IMAGE:
-        return of.simulate(settings, seed=seed)
-    return of.measure(settings, seed=seed)
-
-
-def _row(reading: Reading, subject: Subject, columns: Columns) -> Row:
-    return _in_order(_features(columns.arm, reading, subject, columns.ceiling), columns)
-
-
-def _in_order(features: Mapping[str, float], columns: Columns) -> Row:
-    return np.array([features.get(name, np.nan) for name in columns.names])
-
-
-def _other_row(reading: Reading, subject: Subject, columns: Columns) -> Row:
-    if columns.arm is Arm.DEPTH:
-        return _beside_ours(reading, subject, columns)
-    return _row(reading, subject, columns)
-
-
-def _beside_ours(reading: Reading, subject: Subject, columns: Columns) -> Row:
-    """A device's depth less what our matcher makes of its images."""
-    device = dataclasses.replace(subject, real=reading)
-    return _row(reading, device, columns) - _row(device.rematch({}), device, columns)
-
-
-def _features(arm: Arm, reading: Reading, subject: Subject, ceiling: float) -> dict[str, float]:
-    if arm is Arm.IMAGE:
-        return features.of_image(reading, subject.ground, ceiling=ceiling)
-    device_px = subject.real.device_px if arm is Arm.DEPTH else None
-    captured_px = None if device_px is None else device_px[0]
-    return features.of_depth(reading, subject.ground, captured_px=captured_px)
 
 
 def _digest(subject: Subject, columns: Columns, base: Row) -> str:

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.which.bench import Bench, Row
+from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Candidate
 from diagnosis.which.made import Made
+from diagnosis.which.rows import Row
 from sim.effects.effect import Value
 
 

@@ -100,12 +100,12 @@ def cost_row(bits, bits_r, dn, dn_r, pad, weight, cap, out):  # pragma: no cover
         mine, level = bits[x], dn[x]
         theirs, levels_r = bits_r[start : start + search], dn_r[start : start + search]
         row = out[x]
+        for d in range(search):  # Two loops: words of 64 bits would leave bytes few lanes.
+            row[d] = _u8(_popcount(mine ^ theirs[d]))  # pyright: ignore[reportCallIssue]
         for d in range(search):
-            other = levels_r[d]
-            step = _u16(level - other) if level > other else _u16(other - level)
-            step = min(step, cap)
-            differing = _u16(_popcount(mine ^ theirs[d]))  # pyright: ignore[reportCallIssue]
-            row[d] = _u8(differing + _u16(_u16(step * weight) >> _u16(4)))
+            step = _u8(max(level, levels_r[d]) - min(level, levels_r[d]))
+            step = min(step, _u8(cap))
+            row[d] = _u8(row[d] + _u8(_u16(_u16(step) * weight) >> _u16(4)))
 
 
 def mirrored(rows: NDArray, *, pad: int) -> NDArray:

@@ -109,6 +109,9 @@ def _select(
     total, cost, best_at, offset, bend, right, right_offset, margin, excess, beside, shift
 ):  # pragma: no cover - compiled
     h, w, search = total.shape
+    # Moved to the winner it hides that and the two beside it: a loop without branches.
+    wall = np.zeros(2 * search + 1, np.uint16)
+    wall[search - 1 : search + 2] = _u16(65535)
     for y in range(h):
         # Cost and index in one number, so that the least number names the lowest best index.
         best_right = np.full(w + shift + search, _u32(0xFFFFFFFF), np.uint32)
@@ -121,11 +124,9 @@ def _select(
                 least = min(least, key)
                 mirror[d] = min(mirror[d], key)
             best = np.int64(least & _u32(255))
-            second = _u16(65535)
-            for d in range(best - 1):
-                second = min(second, row[d])
-            for d in range(best + 2, search):
-                second = min(second, row[d])
+            second, hidden = _u16(65535), wall[search - best : 2 * search - best]
+            for d in range(search):
+                second = min(second, _u16(row[d] | hidden[d]))
             best_at[y, x] = best
             excess[y, x] = _u16(second - row[best])
             before, after = row[max(best - 1, 0)], row[min(best + 1, search - 1)]

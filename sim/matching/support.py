@@ -13,7 +13,7 @@ from sim.matching.census import cost_row
 
 COST_SCALE = 32  # Levels per bit in the averaged cost: the sub-pixel fit needs the fractions.
 ROW_SCALE = 16  # Levels per bit in the rows' means: a sum of 15 of them still fits 16 bits.
-_u16, _u32 = np.uint16, np.uint32
+_u8, _u16, _u32 = np.uint8, np.uint16, np.uint32
 _WAYS = np.array([(0, -1), (0, 1), (-1, 0), (1, 0)])  # West, east, north, south as (dy, dx).
 
 
@@ -38,16 +38,18 @@ def _arms(level, step, reach, ways):  # pragma: no cover - compiled
     for way in range(4):
         dy, dx = ways[way]
         for y in range(h):
-            for x in range(w):
-                root, length = np.int32(level[y, x]), 0
-                while length < reach:
-                    py, px = y + dy * (length + 1), x + dx * (length + 1)
-                    if not (0 <= py < h and 0 <= px < w):
-                        break
-                    if abs(np.int32(level[py, px]) - root) > step:
-                        break
-                    length += 1
-                out[way, y, x] = length
+            grows = np.ones(w, np.uint8)
+            for length in range(1, min(reach, w - 1) + 1):
+                if not 0 <= y + dy * length < h:
+                    break
+                west, east = max(0, -dx * length), max(0, dx * length)
+                grows[:west], grows[w - east :] = 0, 0
+                roots, tips = level[y, west : w - east], level[y + dy * length, east : w - west]
+                on, lengths = grows[west : w - east], out[way, y, west : w - east]
+                for x in range(len(roots)):
+                    away = abs(np.int32(tips[x]) - np.int32(roots[x]))
+                    on[x] &= _u8(away <= step)
+                    lengths[x] += on[x]
     return out
 
 

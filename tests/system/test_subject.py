@@ -13,7 +13,7 @@ from diagnosis import reading
 from diagnosis.howfar import judged
 from diagnosis.reading import Reading
 from diagnosis.subject import Subject, of_scene
-from diagnosis.which import bench, null
+from diagnosis.which import bench, null, rows
 from diagnosis.which.candidates import Arm, candidates
 from diagnosis.which.made import Made
 from sim import sensors
@@ -47,7 +47,7 @@ def test_rows_of_moving_sensors_do_not_depend_on_what_was_asked_before():
     columns = bench.bench([of], Arm.IMAGE).columns
 
     def row(settings: dict[str, Any]) -> np.ndarray:
-        found = bench.simulated_row(of, columns, settings, 0)
+        found = rows.simulated_row(of, columns, settings, 0)
         assert found is not None
         return found
 

@@ -16,8 +16,9 @@ from diagnosis.where import maps, rules, swap, table
 from diagnosis.where.where import Where
 from diagnosis.which import search
 from diagnosis.which.arm import OF_BEFORE, UNEXPLAINED, Found, Screen
-from diagnosis.which.bench import Bench, Columns
+from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm
+from diagnosis.which.rows import Columns
 from diagnosis.which.signature import Signature
 from tests.unit.diagnosis import test_fit as made
 from tests.unit.diagnosis.test_features import GROUND

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from diagnosis.which import strengths
-from diagnosis.which.bench import Bench, Columns
+from diagnosis.which.bench import Bench
 from diagnosis.which.candidates import Arm, Candidate
 from diagnosis.which.fit import fit
 from diagnosis.which.likelihood import total
 from diagnosis.which.made import Made, stacked
 from diagnosis.which.null import LEAST_GAIN
+from diagnosis.which.rows import Columns
 from diagnosis.which.signature import Signature
 from diagnosis.which.signature import signature as simulated_signature
 from diagnosis.which.trial import Trial
