@@ -20,7 +20,8 @@ _held: dict[str, Any] = {}  # Of a process: its subjects by name.
 class Crew:
     """As many processes as there are cores, with the scenes dealt among them.
 
-    Rendering uses all cores, but matching and features one each, which takes longer.
+    Rendering uses all cores, but matching and features one each, which takes longer. What is
+    simulated is the same in all processes, so a scene may be held by several.
     """
 
     def __init__(
@@ -29,6 +30,7 @@ class Crew:
         sensor: Sensor,
         scenes: Sequence[str],
         *,
+        aside: Sequence[str] = (),
         against: Path | None = None,
         fitted: Mapping[str, Nuisances] | None = None,
     ) -> None:
@@ -37,12 +39,14 @@ class Crew:
         Args:
             captures: capture set.
             sensor: the base.
-            scenes: names of those that are simulated; they are dealt in turn.
+            scenes: names of those that all is asked of, which is nearly all of the work.
+            aside: names of others.
             against: capture set that these are compared with.
             fitted: by scene what was fitted to it, if it was.
         """
-        count = max(1, min(cores(), len(scenes), _MOST))
         context = multiprocessing.get_context("spawn")
+        self._held = dealt(scenes, aside, min(cores(), _MOST))
+        self._given = [0] * len(self._held)  # How much work each was given so far.
         self._pools = [
             ProcessPoolExecutor(
                 1,
@@ -50,13 +54,15 @@ class Crew:
                 initializer=_begin,
                 initargs=(captures, sensor, own, against, fitted or {}),
             )
-            for own in (tuple(scenes[number::count]) for number in range(count))
+            for own in self._held
         ]
-        self._of = {name: self._pools[number % count] for number, name in enumerate(scenes)}
 
     def submit(self, scene: str, work: Any, *arguments: Any) -> Future[Any]:
-        """Have `work(subject, *arguments)` done where a scene is held."""
-        return self._of[scene].submit(_do, scene, work, arguments)
+        """Have `work(subject, *arguments)` done where a scene is held, by who had least to do."""
+        holders = [number for number, own in enumerate(self._held) if scene in own]
+        number = min(holders, key=self._given.__getitem__)
+        self._given[number] += 1
+        return self._pools[number].submit(_do, scene, work, arguments)
 
     def __enter__(self) -> Crew:
         """Begin."""
@@ -71,6 +77,29 @@ class Crew:
         """Send them home."""
         for pool in self._pools:
             pool.shutdown(cancel_futures=True)
+
+
+def dealt(scenes: Sequence[str], aside: Sequence[str], count: int) -> list[tuple[str, ...]]:
+    """Which scenes each of some processes holds.
+
+    Of those that all is asked of each has as many; the few that are left over are shared, so that
+    none is idle while others work.
+
+    Args:
+        scenes: names of those that all is asked of, at least one.
+        aside: names of others, which are dealt in turn.
+        count: of the processes.
+    """
+    whole = len(scenes) // count * count
+    shared = scenes[whole:]
+    return [
+        (
+            *scenes[number:whole:count],
+            *([shared[number % len(shared)]] if shared else []),
+            *aside[number::count],
+        )
+        for number in range(count)
+    ]
 
 
 def _begin(

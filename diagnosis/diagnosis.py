@@ -100,10 +100,9 @@ def diagnose(
         raise refuse("families", rule, " ".join(families or ()), "Name others, or none.")
     told = where.where(subjects)
     other = None if against is None else against.path
-    # Those asked are dealt first: they are nearly all of the work, and one waits for the other.
-    dealt = [one.name for one in (*asked, *locked)]
+    names, aside = ([one.name for one in those] for those in (asked, locked))
     fitted = {one.name: one.nuisances for one in subjects}
-    with Crew(captures.path, sensor, dealt, against=other, fitted=fitted) as crew:
+    with Crew(captures.path, sensor, names, aside=aside, against=other, fitted=fitted) as crew:
         screens = [
             screened(arm, asked, families=families, cache=cache, crew=crew, tell=tell)
             for arm in arms

@@ -70,6 +70,8 @@ def signature(
         given: effects that act already, of whose doing nothing counts.
     """
     given = given or {}
+    for node in nodes:
+        bench.begin({**given, candidate.name: node})
     already = bench.change(given)
     if already is None:
         return None

@@ -112,6 +112,9 @@ def sharper(
                 values[one.name] = value
         if not values:
             break
+        for one in found:
+            if one.name in values:
+                trial.bench.begin({**one.signature.given, one.name: values[one.name]})
         for number, one in enumerate(found):
             if one.name in values:
                 sharp = with_node(one.signature, values[one.name], trial.bench)

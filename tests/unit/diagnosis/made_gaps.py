@@ -65,6 +65,9 @@ class FakeBench:
         self.made = made
         self.together = together
 
+    def begin(self, settings: dict[str, Any]) -> None:
+        """It is asked for nothing that takes long."""
+
     def change(self, settings: dict[str, Any]) -> np.ndarray | None:
         if settings.get("veil", 0) > 0.8 and "crosstalk" in settings:
             return None
