@@ -76,6 +76,7 @@ def withheld(
     cases: int | None = None,
     no_infrared: bool = False,
     power: bool = False,
+    sets: int | None = None,
     jobs: int = 2,
     blender: Path = Path(".blender/bin/python"),
     captures: Path | None = None,
@@ -95,6 +96,8 @@ def withheld(
         cases: with a single effect, the other cases in proportion; else the tier's own number.
         no_infrared: give the diagnosis depth alone (tiers 1 and 3).
         power: ask instead how strong six effects have to be; cases: of each of six levels.
+        sets: of scenes, each with its share of the cases, that are asked and scored: the first
+            so many, and more by a later call; else all.
         jobs: sets of scenes at once, a core each.
         blender: Python with bpy (see tools/blender.sh), for tier 2.
         captures: capture set of a real camera, of eight scenes or more, for tier 4.
@@ -107,6 +110,7 @@ def withheld(
         *(["--cases", str(cases)] if cases is not None else []),
         *(["--no-infrared"] if no_infrared else []),
         *(["--power"] if power else []),
+        *(["--sets", str(sets)] if sets is not None else []),
         *(["--captures", str(captures)] if captures is not None else []),
         *(["--sensor", sensor] if sensor is not None else []),
         *(["--json"] if common.json else []),

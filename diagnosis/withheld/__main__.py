@@ -1,6 +1,6 @@
 """Check what the diagnosis finds of effects that are withheld from it.
 
-    python -m diagnosis.withheld OUT [--tier 1] [--cases N] [--no-infrared] [--power]
+    python -m diagnosis.withheld OUT [--tier 1] [--cases N] [--sets N] [--no-infrared] [--power]
     python -m diagnosis.withheld OUT --tier 4 --captures SET --sensor FILE [--cases N]
 
 Everything is kept in OUT: a run that was stopped goes on where it was. The last line that is
@@ -30,6 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--cases", type=int, help="singles, or of a level of power")
     parser.add_argument("--no-infrared", action="store_true", help="captures of depth alone")
     parser.add_argument("--power", action="store_true", help="how strong effects have to be")
+    parser.add_argument("--sets", type=int, help="how many sets of scenes are asked; else all")
     parser.add_argument("--jobs", type=int, default=2, help="sets of scenes at once")
     parser.add_argument("--blender", type=Path, default=Path(".blender/bin/python"))
     parser.add_argument("--captures", type=Path, help="real capture set, for tier 4")
@@ -47,6 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             infrared=not asked.no_infrared,
             power=asked.power,
             jobs=asked.jobs,
+            count=asked.sets,
         )
         cases = check.prepared(asked.cases)
         print((check.place / seal.SEAL).read_text(encoding="ascii").strip(), file=sys.stderr)
@@ -58,8 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     scores["wall_seconds"] = round(time.perf_counter() - begun, 1)
     (check.place / "scores.json").write_text(json.dumps(scores, indent=1), encoding="utf-8")
     table = score_table.power(scores["power"]) if asked.power else score_table.text(scores)
-    opening = score_table.opening(scores["opened"], code_as_sealed=scores["code_as_sealed"])
-    print(json.dumps(scores) if asked.json else f"{table}\n{opening}")
+    rest = {key: scores[key] for key in ("opened", "code_as_sealed", "sets")}
+    print(json.dumps(scores) if asked.json else f"{table}\n{score_table.opening(**rest)}")
     return 0
 
 

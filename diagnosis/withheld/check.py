@@ -39,10 +39,14 @@ class Check:
     infrared: bool = True
     power: bool = False  # Ask how strong effects must be, of cases of their own.
     jobs: int = 2  # Sets of scenes at once, each in a process; one alone stays in this process.
+    count: int | None = None  # Of the sets, the first, that are asked and scored; None: all.
 
     def __post_init__(self) -> None:
         if self.jobs < 1:
             raise refusal("jobs", "must be >= 1", self.jobs, "Give how many sets at once.")
+        if self.count is not None and not 1 <= self.count <= self.tier.sets:
+            rule = f"must be 1 to {self.tier.sets}"
+            raise refusal("sets", rule, self.count, "Leave it away for all of them.")
         given = (self.captures is not None, self.sensor is not None)
         if given != (self._real, self._real):
             rule = "must be given for tier 4, and for no other"
@@ -59,7 +63,7 @@ class Check:
 
     @property
     def sets(self) -> list[SceneSet]:
-        """The scene sets."""
+        """The scene sets that are asked; cases are drawn for all, so that others can be later."""
         return [
             SceneSet(
                 folder=self.place / f"set-{number}",
@@ -67,7 +71,7 @@ class Check:
                 source=self._source(number),
                 infrared=self.infrared,
             )
-            for number in range(self.tier.sets)
+            for number in range(self.count or self.tier.sets)
         ]
 
     @property
@@ -186,7 +190,14 @@ class Check:
                 family_alone=alone,
             )
         same = seal.is_of_this_code(self.place)
-        return {**told, "infrared": self.infrared, "opened": opened, "code_as_sealed": same}
+        sets = {"asked": len(self.sets), "all": self.tier.sets}
+        return {
+            **told,
+            "infrared": self.infrared,
+            "sets": sets,
+            "opened": opened,
+            "code_as_sealed": same,
+        }
 
     def _refuse_other_code(self) -> None:
         if not seal.is_of_this_code(self.place):

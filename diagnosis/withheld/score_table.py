@@ -75,16 +75,19 @@ def power(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     return "\n".join(_columns([heads, *body])) + "\n"
 
 
-def opening(opened: int, *, code_as_sealed: bool) -> str:
+def opening(opened: int, *, code_as_sealed: bool, sets: Mapping[str, int]) -> str:
     """Say what the scores rest on.
 
     Args:
         opened: How often the truth was opened, this time included.
         code_as_sealed: Whether the code is still the one that was sealed.
+        sets: How many sets of scenes were "asked", and how many "all" are.
     """
     times = "once" if opened == 1 else f"{opened} times"
     code = "as it was sealed" if code_as_sealed else "another than was sealed"
-    return f"The truth was opened {times}; the code is {code}.\n"
+    part, every = sets["asked"], sets["all"]
+    some = f"Of {every} sets of scenes the first {part} were asked. " if part < every else ""
+    return f"{some}The truth was opened {times}; the code is {code}.\n"
 
 
 def _goals(scores: Mapping[str, Any]) -> list[str]:

@@ -10,16 +10,15 @@ from __future__ import annotations
 import dataclasses
 import json
 import shutil
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-import starling
 from diagnosis import (
     batch,
-    captured_camera,
     check_camera,
     detection,
     named,
@@ -141,6 +140,28 @@ def test_a_run_goes_on_where_it_was(done, monkeypatch):
     one.diagnosed(cases)
     after = json.loads(lost.read_text())
     assert {**after, "seconds": 0} == {**before, "seconds": 0}
+
+
+def test_the_first_sets_may_be_asked_alone(done, tmp_path):
+    """Cases are drawn for all sets; what the others' say is neither waited for nor scored."""
+    one, cases = done
+    first = dataclasses.replace(one, count=1)
+    assert first.prepared() == tuple(cases)
+    kept = next(case for case in cases if case.number % 2)
+    verdict = one.sets[1].folder / "whole" / f"{kept.number:03d}.json"
+    verdict.rename(tmp_path / "kept")
+    try:
+        first.diagnosed(cases)
+        scores = first.scored(cases)
+        with pytest.raises(WithheldError, match="verdict"):
+            one.scored(cases)
+    finally:
+        (tmp_path / "kept").rename(verdict)
+    assert scores["sets"] == {"asked": 1, "all": 2}
+    asked = Counter(case.kind for case in cases if case.number % 2 == 0)
+    assert {kind: scores["cases"][kind] for kind in ("null", "single", "pair")} == {
+        kind: asked[kind] for kind in ("null", "single", "pair")
+    }
 
 
 @pytest.mark.long
@@ -266,26 +287,6 @@ def test_effects_in_real_pairs_are_diagnosed_against_the_pairs(done, tmp_path):
         real.prepared()
 
 
-def test_real_pairs_are_for_their_own_tier(tmp_path, capsys):
-    base = [str(tmp_path / "run"), "--tier", "4"]
-    assert program.main(base) == 1
-    assert "captures and sensor must be given for tier 4" in capsys.readouterr().err
-    asked = ["--captures", str(tmp_path / "none"), "--sensor", "d415"]
-    assert program.main([*base[:1], *asked]) == 1
-    assert "and for no other" in capsys.readouterr().err
-    assert program.main([*base, *asked, "--no-infrared"]) == 1
-    assert "must have infrared" in capsys.readouterr().err
-    assert program.main([*base, *asked, "--power"]) == 1
-    assert "power must be asked of tier 1; got tier 4." in capsys.readouterr().err
-    assert program.main([str(tmp_path / "run"), "--power", "--cases", "0"]) == 1
-    assert "cases must be >= 1; got 0" in capsys.readouterr().err
-    assert not (tmp_path / "run").exists()
-    assert program.main([*base, *asked, "--jobs", "0"]) == 1
-    assert "jobs must be >= 1; got 0" in capsys.readouterr().err
-    assert captured_camera.main([str(tmp_path / "camera"), *asked]) == 1
-    assert "captures must be a folder" in capsys.readouterr().err
-
-
 def test_the_program_prints_scores(done, monkeypatch, capsys):
     one, _ = done
     monkeypatch.setitem(program.TIERS, 1, SMALL)
@@ -296,21 +297,6 @@ def test_the_program_prints_scores(done, monkeypatch, capsys):
     assert "top1" in capsys.readouterr().out
     assert program.main([str(one.out), "--cases", "0"]) == 1
     assert "cases must be >= 1" in capsys.readouterr().err
-
-
-def test_the_verb_runs_the_program_elsewhere(monkeypatch):
-    ran = []
-
-    class Done:
-        returncode = 3
-
-    monkeypatch.setattr("subprocess.run", lambda command, **_: ran.append(command) or Done())
-    assert starling.main(["withheld", "--out", "x", "--cases", "2", "--no-infrared", "--json"]) == 3
-    assert ran[0][1:4] == ["-m", "diagnosis.withheld", "x"]
-    assert {"--cases", "2", "--no-infrared", "--json"} <= {*ran[0]}
-    given = ["--tier", "4", "--captures", "real", "--sensor", "d415"]
-    assert starling.main(["withheld", "--out", "x", *given]) == 3
-    assert {*given} <= {*ran[1]}
 
 
 def test_a_program_that_fails_is_refused_with_what_it_said(tmp_path, monkeypatch):

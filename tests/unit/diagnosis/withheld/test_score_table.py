@@ -84,9 +84,13 @@ def test_what_is_closed_is_told_by_metric(camera: Nominal) -> None:
 
 
 def test_what_scores_rest_on_is_said() -> None:
-    assert opening(1, code_as_sealed=True).endswith("opened once; the code is as it was sealed.\n")
-    assert "opened 2 times; the code is as" in opening(2, code_as_sealed=True)
-    assert "3 times; the code is another than was" in opening(3, code_as_sealed=False)
+    every, some = {"asked": 6, "all": 6}, {"asked": 4, "all": 6}
+    said = "The truth was opened once; the code is as it was sealed.\n"
+    assert opening(1, code_as_sealed=True, sets=every) == said
+    said = "Of 6 sets of scenes the first 4 were asked. " + said
+    assert opening(1, code_as_sealed=True, sets=some) == said
+    assert "opened 2 times; the code is as" in opening(2, code_as_sealed=True, sets=every)
+    assert "3 times; the code is another than" in opening(3, code_as_sealed=False, sets=every)
 
 
 def test_text_is_plain_and_narrow(effect: Make, say: Make, answer: Make, camera: Nominal) -> None:
