@@ -194,7 +194,8 @@ def test_what_is_said_lies_within_a_factor_of_two_of_what_is_proposed():
     with torch.inference_mode():
         told = network(channels, proposed).log_depth
     low, high = proposed.amin(dim=1, keepdim=True), proposed.amax(dim=1, keepdim=True)
-    assert (told <= high + 0.7).all() and (told >= low - 0.7).all()
+    reach = 0.7 + 1e-6  # Sums are rounded to single precision.
+    assert (told <= high + reach).all() and (told >= low - reach).all()
     assert ((told > high) | (told < low)).any()
 
 
