@@ -192,12 +192,13 @@ class Bench:
     def _missing(self, text: str, seed: int) -> list[_Key]:
         """What is neither known nor kept of what all scenes are asked."""
         keys = [(number, text, seed) for number in range(len(self.subjects))]
-        for key in keys:
+        unknown = [key for key in keys if key not in self._kept]
+        for key in unknown:
             kept = self._path(*key)
-            if key not in self._kept and kept is not None and kept.is_file():
+            if kept is not None and kept.is_file():
                 row = np.load(kept, allow_pickle=False)
                 self._kept[key] = row if row.size else None
-        return [key for key in keys if key not in self._kept]
+        return [key for key in unknown if key not in self._kept]
 
     def change(self, settings: Mapping[str, Value]) -> Table | None:
         """What effects change, noise being equal; of what is drawn by lot, the mean of some.
