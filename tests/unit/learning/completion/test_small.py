@@ -186,16 +186,17 @@ def test_no_false_islands_where_there_is_no_hole_or_no_truth():
 
 def test_what_is_said_lies_within_a_factor_of_two_of_what_is_proposed():
     """However wild the network's output is, as it may be in frames unlike all it learnt from."""
-    network = SmallNetwork()
-    torch.nn.init.normal_(network.body.head.weight, std=50)
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        network = SmallNetwork()
+        torch.nn.init.normal_(network.body.head.weight, std=50)
     rng = torch.Generator().manual_seed(0)
     channels = torch.randn(1, len(CHANNELS), 32, 48, generator=rng)
     proposed = torch.randn(1, len(NAMES), 32, 48, generator=rng)
     with torch.inference_mode():
         told = network(channels, proposed).log_depth
     low, high = proposed.amin(dim=1, keepdim=True), proposed.amax(dim=1, keepdim=True)
-    reach = 0.7 + 1e-6  # Sums are rounded to single precision.
-    assert (told <= high + reach).all() and (told >= low - reach).all()
+    assert (told <= high + 0.7).all() and (told >= low - 0.7).all()
     assert ((told > high) | (told < low)).any()
 
 
