@@ -19,16 +19,13 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
 from diagnosis.report.groups import told as told_as
-from diagnosis.report.howfar import TITLES
 from sim import canvas
 
 Reports = Mapping[str, Mapping[str, Any]]
 
-STAGES = {
-    "base_device": "simulated device's depth",
-    "base": "simulated infrared, our matcher",
-    "rematched": "real infrared, our matcher",
-    "device": "the device's own depth",
+DIFFERENCES = {
+    "image": "real less simulated infrared, both by our matcher",
+    "matcher": "depth less our matcher's of its infrared: the device's less the simulated device's",
 }
 PARTS = {
     "ndp_rate": ("no depth [%]", 100.0),
@@ -37,8 +34,8 @@ PARTS = {
     "bad1_pct": ("off by more than 1 px [%]", 1.0),
 }
 MAPS = {
-    "error": ("disparity, real less simulated [px]", 1.0),
-    "holes": ("no depth [points]", 100.0),
+    "error": ("disparity: device's less\nthe simulated device's [px]", 1.0),
+    "holes": ("no depth, likewise [points]", 100.0),
 }
 ARMS = {"image": "images", "depth": "matcher and filters", "whole": "depth alone"}
 GROUPS = 14  # Of features, that are drawn.
@@ -46,21 +43,25 @@ DPI = 110
 
 
 def parts(reports: Reports) -> bytes:
-    """Draw the stage swap: depths of the same scenes, for each base."""
-    figure = canvas.empty((10, 2.9), DPI, layout="constrained")
-    width = 0.8 / len(STAGES)
-    drawn = figure.subplots(1, len(PARTS))
+    """Draw what the images, and what matcher and filters, make of the gap, with 95 % intervals."""
+    figure = canvas.empty((10, 0.9 + 0.6 * len(reports)), DPI, layout="constrained")
+    drawn = figure.subplots(1, len(PARTS), sharey=True)
     for axes, (name, (title, scale)) in zip(drawn, PARTS.items(), strict=True):
-        for turn, (stage, told) in enumerate(STAGES.items()):
-            heights = [_number(one["where"]["parts"][name][stage]) for one in reports.values()]
-            places = np.arange(len(reports)) + (turn - (len(STAGES) - 1) / 2) * width
-            axes.bar(places, scale * np.array(heights), width, label=told)
-        axes.axhline(0, color="0.4", linewidth=0.8)
-        labels = [name.replace(", ", "\n") for name in reports]
-        axes.set_xticks(range(len(reports)), labels, fontsize=7)
+        for turn, (part, told) in enumerate(DIFFERENCES.items()):
+            found = [one["where"]["parts"][name][part] for one in reports.values()]
+            values = scale * np.array([[_number(one) for one in each] for each in found])
+            rows = np.arange(len(reports)) + (turn - 0.5) * 0.3
+            axes.plot(values[:, 0], rows, "o", color=f"C{turn}", markersize=4, label=told)
+            axes.hlines(rows, values[:, 1], values[:, 2], color=f"C{turn}")
+        axes.axvline(0, color="0.4", linewidth=0.8)
+        axes.tick_params(labelsize=7)
+        axes.locator_params(axis="x", nbins=4)
         axes.set_title(title, fontsize=9)
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
+    labels = [name.replace(", ", "\n") for name in reports]
+    drawn[0].set_yticks(range(len(reports)), labels, fontsize=7)
+    drawn[0].set_ylim(len(reports) - 0.5, -0.5)
+    handles, labels = drawn[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
     return canvas.encoded(figure)
 
 
@@ -79,39 +80,6 @@ def places(reports: Reports) -> bytes:
             axes.set_title(label, fontsize=9)
         bar = figure.colorbar(colours, ax=row, shrink=0.9, extend="both")
         bar.set_label(title, fontsize=8)
-    return canvas.encoded(figure)
-
-
-def gaps(reports: Reports) -> bytes:
-    """Draw what is closed of each figure's gap above its floor."""
-    names = list(dict.fromkeys(name for one in reports.values() for name in one["howfar"]))
-    figure = canvas.empty((8, 0.8 + 0.45 * len(names)), DPI, layout="constrained")
-    axes = figure.subplots()
-    height = 0.8 / len(reports)
-    for turn, (label, one) in enumerate(reports.items()):
-        axes.barh([0], [0], height, color=f"C{turn}", label=label)
-        for row, name in enumerate(names):
-            told = one["howfar"].get(name)
-            place = row + (turn - (len(reports) - 1) / 2) * height
-            if not told or told["closed_pct"] is None:
-                axes.text(0, place, " not identifiable", va="center", fontsize=6, color="0.4")
-                continue
-            axes.barh(place, told["closed_pct"], height, color=f"C{turn}")
-            axes.text(
-                max(told["closed_pct"], 0),
-                place,
-                f" {told['closed_pct']:.0f}",
-                va="center",
-                fontsize=7,
-            )
-            if told["interval"]:
-                axes.plot(told["interval"], (place, place), color="0.2", linewidth=1.2)
-    axes.set_yticks(range(len(names)), [TITLES.get(name, name) for name in names], fontsize=8)
-    axes.invert_yaxis()
-    axes.set_xlim(-60, 110)
-    axes.axvline(0, color="0.4", linewidth=0.8)
-    axes.set_xlabel("closed, of before less floor [%]", fontsize=8)
-    figure.legend(loc="outside lower center", ncols=len(reports), frameon=False, fontsize=8)
     return canvas.encoded(figure)
 
 
@@ -140,7 +108,7 @@ def groups(reports: Reports) -> bytes:
             axes.set_title(f"{ARMS[arm]}\n{label}", fontsize=8)
             axes.tick_params(axis="x", labelsize=7)
     for axes in rows[-1]:
-        axes.set_xlabel("part of the gap's size", fontsize=8)
+        axes.set_xlabel("part of the gap's size,\neach its own scale", fontsize=8)
     handles, labels = rows[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
     return canvas.encoded(figure)
@@ -172,7 +140,7 @@ def main() -> None:
         name, _, folder = one.partition("=")
         reports[name] = json.loads((Path(folder) / "report.json").read_text(encoding="utf-8"))
     asked.out.mkdir(parents=True, exist_ok=True)
-    for name, draw in {"parts": parts, "places": places, "groups": groups, "gaps": gaps}.items():
+    for name, draw in {"parts": parts, "places": places, "groups": groups}.items():
         (asked.out / f"d415-{name}.png").write_bytes(draw(reports))
 
 
