@@ -79,7 +79,9 @@ def diagnose(
         pairs = scene_pairs(capture.open_set(folder), against).pairs
         subjects = _subjects(folder.name, pairs, sensor, subjects, others)
         asked, locked = named.parted(subjects)
-        screens = [_screened(arm, asked, kept, cache) for arm in named.open_arms(subjects, asked)]
+        screens = [
+            _screened(arm, asked, kept, cache, tell) for arm in named.open_arms(subjects, asked)
+        ]
         for path, tried in _missing(out, folder.name, without).items():
             part = [(table, arms.of_families(screen, tried)) for table, screen in screens]
             told = _told(named.named(part, locked), seed=scene_seed(0, folder.name))
@@ -102,13 +104,17 @@ def _missing(out: Path, case: str, without: Mapping[str, str] | None) -> dict[Pa
 
 
 def _screened(
-    arm: Arm, asked: Sequence[Subject], kept: Kept, cache: Path | None
+    arm: Arm,
+    asked: Sequence[Subject],
+    kept: Kept,
+    cache: Path | None,
+    tell: progress.Progress,
 ) -> tuple[Bench, Screen]:
     """Screen an arm once for all capture sets; what is matched again is each one's own."""
     if arm is Arm.DEPTH:
         return named.screened(arm, asked)
     if arm not in kept:
-        kept[arm] = named.screened(arm, asked, cache=cache)
+        kept[arm] = named.screened(arm, asked, cache=cache, tell=tell)
     table, screen = kept[arm]
     return table.of(asked), screen
 

@@ -114,6 +114,7 @@ def withheld(
         *(["--captures", str(captures)] if captures is not None else []),
         *(["--sensor", sensor] if sensor is not None else []),
         *(["--json"] if common.json else []),
+        *(["--debug"] if common.debug else []),
     ]
     # A process of its own: what it knows of its cases, the diagnosis must not.
     command = [sys.executable, "-m", "diagnosis.withheld", str(out), "--tier", str(tier)]

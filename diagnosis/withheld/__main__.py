@@ -18,7 +18,7 @@ from pathlib import Path
 
 from diagnosis.withheld import score_table, seal
 from diagnosis.withheld.check import Check
-from diagnosis.withheld.errors import WithheldError
+from diagnosis.withheld.errors import WithheldError, refusal
 from diagnosis.withheld.tier import TIERS
 
 
@@ -36,6 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--captures", type=Path, help="real capture set, for tier 4")
     parser.add_argument("--sensor", help="preset or sensor file of its camera, for tier 4")
     parser.add_argument("--json", action="store_true", help="print the scores as JSON")
+    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     asked = parser.parse_args(arguments)
     begun = time.perf_counter()
     try:
@@ -54,8 +55,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print((check.place / seal.SEAL).read_text(encoding="ascii").strip(), file=sys.stderr)
         check.diagnosed(cases, asked.cases)
         scores = check.scored(cases, asked.cases)
-    except WithheldError as error:
-        print(error, file=sys.stderr)
+    except Exception as error:
+        if asked.debug:
+            raise
+        print(_line_of(error), file=sys.stderr)
         return 1
     scores["wall_seconds"] = round(time.perf_counter() - begun, 1)
     (check.place / "scores.json").write_text(json.dumps(scores, indent=1), encoding="utf-8")
@@ -63,6 +66,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rest = {key: scores[key] for key in ("opened", "code_as_sealed", "sets")}
     print(json.dumps(scores) if asked.json else f"{table}\n{score_table.opening(**rest)}")
     return 0
+
+
+def _line_of(error: Exception) -> str:
+    """One line for standard error."""
+    said = " ".join(str(error).split())
+    if isinstance(error, WithheldError):
+        return said
+    if isinstance(error, OSError):
+        return str(refusal("files", "must be there to be read and written", said, "See to that."))
+    return f"{type(error).__name__}: {said}. Run again with --debug and report what it prints."
 
 
 if __name__ == "__main__":

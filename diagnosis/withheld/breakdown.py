@@ -52,6 +52,14 @@ def baselines(singles: Sequence[Answered]) -> dict[str, dict[str, float | None]]
     }
 
 
+def as_good(singles: Sequence[Answered]) -> int | None:
+    """How many simpler ways name as many singles right, or more; None where there is no single."""
+    first = figure(singles, lambda one: one.first_right).value
+    if first is None:
+        return None
+    return sum((one["top1"] or 0.0) >= first for one in baselines(singles).values())
+
+
 def closed_by_metric(cases: Sequence[Answered]) -> dict[str, dict[str, float | None]]:
     """Median share closed of each metric, of cases where an effect is named and it can be told, and
     the share of these among those with an effect named.

@@ -60,6 +60,9 @@ class Check:
         if self.power and self.tier.number != POWER:
             got = f"tier {self.tier.number}"
             raise refusal("power", f"must be asked of tier {POWER}", got, "Ask that.")
+        if self.captures is not None and not (self.captures / "capture.toml").is_file():
+            advice = "Give a folder with a capture.toml."
+            raise refusal("captures", "must be a capture set", self.captures, advice)
 
     @property
     def sets(self) -> list[SceneSet]:
@@ -197,6 +200,7 @@ class Check:
             "sets": sets,
             "opened": opened,
             "code_as_sealed": same,
+            "versions": seal.versions(),
         }
 
     def _refuse_other_code(self) -> None:

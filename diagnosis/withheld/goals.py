@@ -36,11 +36,14 @@ class Goal:
         return None if value is None else self.least <= value <= self.most
 
     def _number(self, value: float) -> str:
-        return f"{value:.0f} %" if self.percent else f"{value:.2f}"
+        if self.percent:
+            return f"{value:.0f} %"
+        return str(value) if isinstance(value, int) else f"{value:.2f}"
 
 
 _GOALS = {
     "top1": (Goal(least=0.90), Goal(least=0.75)),
+    "baselines_as_good": (Goal(most=0), Goal(most=0)),
     "in_set": (Goal(least=0.97), Goal(least=0.92)),
     "set_size": (Goal(most=1.6), Goal(most=2.5)),
     "parameter_error_pct": (Goal(most=12, percent=True), Goal(most=30, percent=True)),
@@ -57,6 +60,7 @@ _GOALS = {
 _WITHOUT_INFRARED = {
     "answered": Goal(least=0.60),
     "top1_of_answered": Goal(least=0.70),
+    "baselines_as_good": Goal(most=0),
     "false_alarm": Goal(most=0.05),
 }
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
+from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from diagnosis.withheld.errors import refusal
 
 _LAST_LINES = 3
+_PROGRESS = re.compile(r" \d+/\d+$")
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 SENSOR = "sensor.toml"
 
@@ -116,13 +119,19 @@ def diagnose(
 
 
 def _run(module: str, arguments: Sequence[str]) -> None:
-    done = subprocess.run(
+    last: deque[str] = deque(maxlen=_LAST_LINES)
+    place = Path(arguments[0]).parent.name
+    with subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
         stderr=subprocess.PIPE,
         text=True,
         env={**os.environ, **_ONE_THREAD},
-        check=False,
-    )
-    if done.returncode:
-        said = " / ".join(done.stderr.strip().splitlines()[-_LAST_LINES:])
-        raise refusal(module, "must succeed", f"exit {done.returncode}", said)
+    ) as running:
+        assert running.stderr is not None
+        for line in map(str.strip, running.stderr):
+            if _PROGRESS.search(line):
+                print(f"{place}: {line}", file=sys.stderr, flush=True)
+            elif line:
+                last.append(line)
+    if running.returncode:
+        raise refusal(module, "must succeed", f"exit {running.returncode}", " / ".join(last))

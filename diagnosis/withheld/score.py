@@ -69,7 +69,10 @@ def score(
         "unknown_false_effects": figure([*of["single"], *of["pair"]], lambda one: one.unknown),
         **_closed([*of["single"], *of["pair"]]),
     }
-    scores = {key: one.value for key, one in figures.items()}
+    scores = {
+        **{key: one.value for key, one in figures.items()},
+        "baselines_as_good": breakdown.as_good(of["single"]),
+    }
     asked = goals(tier, scores, infrared=infrared)
     return {
         "tier": tier,
@@ -84,7 +87,8 @@ def score(
         "closed_by_metric": breakdown.closed_by_metric([*of["single"], *of["pair"]]),
         "seconds": math.fsum(one.verdict.seconds for one in (*answered, *left_out, *family_alone)),
         "intervals": _intervals(
-            {} if tier == REAL else {key: figures[key] for key in asked}, (*answered, *left_out)
+            {} if tier == REAL else {key: figures[key] for key in asked if key in figures},
+            (*answered, *left_out),
         ),
         "goals": asked,
         "failures": breakdown.failures(answered, left_out),

@@ -12,6 +12,7 @@ _WIDTH = 120
 _WORDS = {
     "top1": "one effect: named first",
     "top1_family": "one effect: its family named first",
+    "baselines_as_good": "one effect: simpler ways that name as many first",
     "in_set": "one effect: in the set named first",
     "set_size": "one effect: mean size of that set",
     "answered": "one effect: an effect named at all",

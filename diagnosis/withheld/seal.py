@@ -7,11 +7,15 @@ become another once answers are known.
 from __future__ import annotations
 
 import hashlib
+import importlib.metadata
 import json
+import platform
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import cv2
 
 from diagnosis.withheld import case
 from diagnosis.withheld.case import Case
@@ -27,6 +31,7 @@ MADE = "made.json"  # Of what and by which code a source's folder is made.
 
 _ROOT = Path(__file__).parents[2]
 _PACKAGES = ("calibration", "diagnosis", "learning", "patterns", "sim")
+_LIBRARIES = ("mitsuba", "drjit", "numpy", "scipy", "numba")
 _SUFFIXES = (".py", ".json", ".toml")
 _PICTURE = re.compile(r'"([^"\n]+\.png)"')
 
@@ -133,7 +138,7 @@ def made(folder: Path, of: Mapping[str, Any], *, there: bool) -> None:
 def code() -> str:
     """SHA-256 of all that is this project's and that cases, verdicts and scores follow from.
 
-    Interpreter, libraries and Blender are not in it.
+    Interpreter and libraries are not in it (`versions`), nor Blender, which its light tells.
     """
     found = hashlib.sha256()
     for package in _PACKAGES:
@@ -142,6 +147,12 @@ def code() -> str:
             found.update(f"{path.relative_to(_ROOT)}\n".encode())
             found.update(path.read_bytes())
     return found.hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the libraries that cases and verdicts follow from."""
+    found = {name: importlib.metadata.version(name) for name in _LIBRARIES}
+    return {"python": platform.python_version(), "opencv": cv2.__version__, **found}
 
 
 def _sealed(public: Path) -> dict[str, str]:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import pytest
+
 import starling
 from diagnosis import captured_camera
 from diagnosis.withheld import __main__ as program
+from diagnosis.withheld import programs
+from diagnosis.withheld.check import Check
+from diagnosis.withheld.errors import WithheldError
 
 
 def test_real_pairs_are_for_their_own_tier(tmp_path, capsys):
@@ -26,8 +31,45 @@ def test_real_pairs_are_for_their_own_tier(tmp_path, capsys):
     for sets in ("0", "7"):
         assert program.main([*base, *asked, "--sets", sets]) == 1
         assert f"sets must be 1 to 6; got {sets}." in capsys.readouterr().err
+    assert program.main([*base, *asked]) == 1
+    assert "captures must be a capture set; got " in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
     assert captured_camera.main([str(tmp_path / "camera"), *asked]) == 1
     assert "captures must be a folder" in capsys.readouterr().err
+
+
+def test_other_errors_are_one_line_too(tmp_path, capsys, monkeypatch):
+    (tmp_path / "file").touch()
+    asked = [str(tmp_path / "file" / "run"), "--jobs", "1"]
+    assert program.main(asked) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("files must be there to be read and written; got ")
+    assert said.count("\n") == 1
+    with pytest.raises(NotADirectoryError):
+        program.main([*asked, "--debug"])
+
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("once\nagain")
+
+    monkeypatch.setattr(Check, "prepared", broken)
+    assert program.main(asked) == 1
+    said = capsys.readouterr().err
+    assert (
+        said == "ZeroDivisionError: once again. Run again with --debug and report what it prints.\n"
+    )
+
+
+def test_a_program_tells_how_far_it_is(tmp_path, capsys, monkeypatch):
+    fake = tmp_path / "python"
+    monkeypatch.setattr("sys.executable", str(fake))
+    said = "#!/bin/sh\nprintf 'scenes 1/2\\na word\\nscenes 2/2\\n' >&2\n"
+    fake.write_text(said)
+    fake.chmod(0o755)
+    programs.families(tmp_path / "set-3" / "families.json")
+    assert capsys.readouterr().err == "set-3: scenes 1/2\nset-3: scenes 2/2\n"
+    fake.write_text(f"{said}exit 4\n")
+    with pytest.raises(WithheldError, match=r"families must succeed; got exit 4\. a word"):
+        programs.families(tmp_path / "set-3" / "families.json")
 
 
 def test_the_verb_runs_the_program_elsewhere(monkeypatch):
@@ -37,9 +79,10 @@ def test_the_verb_runs_the_program_elsewhere(monkeypatch):
         returncode = 3
 
     monkeypatch.setattr("subprocess.run", lambda command, **_: ran.append(command) or Done())
-    assert starling.main(["withheld", "--out", "x", "--cases", "2", "--no-infrared", "--json"]) == 3
+    flags = ["--cases", "2", "--no-infrared", "--json", "--debug"]
+    assert starling.main(["withheld", "--out", "x", *flags]) == 3
     assert ran[0][1:4] == ["-m", "diagnosis.withheld", "x"]
-    assert {"--cases", "2", "--no-infrared", "--json"} <= {*ran[0]}
+    assert {*flags} <= {*ran[0]}
     given = ["--tier", "4", "--captures", "real", "--sensor", "d415", "--sets", "2"]
     assert starling.main(["withheld", "--out", "x", *given]) == 3
     assert {*given} <= {*ran[1]}

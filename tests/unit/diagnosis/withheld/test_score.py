@@ -288,6 +288,7 @@ def test_goals(tier: int) -> None:
     own = tier in (1, 3)  # The diagnosis shares renderer and matcher.
     assert {key: goal["asked"] for key, goal in goals(tier, best).items()} == {
         "top1": ">= 0.90" if own else ">= 0.75",
+        "baselines_as_good": "<= 0",
         "in_set": ">= 0.97" if own else ">= 0.92",
         "set_size": "<= 1.60" if own else "<= 2.50",
         "parameter_error_pct": "<= 12 %" if own else "<= 30 %",
@@ -305,6 +306,7 @@ def test_goals(tier: int) -> None:
     assert {key: goal["asked"] for key, goal in depth.items()} == {
         "answered": ">= 0.60",
         "top1_of_answered": ">= 0.70",
+        "baselines_as_good": "<= 0",
         "false_alarm": "<= 0.05",
     }
 
@@ -375,7 +377,7 @@ def test_without_infrared_an_answer_is_not_asked_for_in_every_case(
     said = [say("effects", effect("gain", 2.0)), say("no gap"), say("effects", effect("gain", 2.1))]
     cases = [answer({"gain": 2.0}, one, number=n) for n, one in enumerate(said)]
     found = score(cases, camera, families=FAMILIES, tier=1, infrared=False)["goals"]
-    assert set(found) == {"answered", "top1_of_answered", "false_alarm"}
+    assert set(found) == {"answered", "top1_of_answered", "baselines_as_good", "false_alarm"}
     assert found["answered"] == {"asked": ">= 0.60", "reached": True}
     assert found["top1_of_answered"]["reached"] and found["false_alarm"]["reached"] is None
 
