@@ -107,7 +107,7 @@ def diagnose_captures(
         "out": str(out),
         "report": str(out / PAGE),
         "fixed": str(out / FIXED) if fixable else None,
-        "not_in_sensor": _of_scenes(found, sensor),
+        "not_in_sensor": _of_scenes(found),
         "seconds": round(time.perf_counter() - begun, 3),
     }
 
@@ -131,10 +131,9 @@ def fixed(found: Diagnosis, sensor: Sensor) -> Sensor:
     return setting.on_sensor(sensor, found.settings) if found.together else sensor
 
 
-def _of_scenes(found: Diagnosis, sensor: Sensor) -> list[str]:
+def _of_scenes(found: Diagnosis) -> list[str]:
     """Accepted effects that no sensor file has, as they are the scene's."""
-    settings = found.settings.items() if found.together else ()
-    return [name for name, value in settings if setting.on_sensor(sensor, {name: value}) == sensor]
+    return [name for name in found.settings if found.together and setting.is_scenes(name)]
 
 
 def as_text(told: Mapping[str, Any]) -> str:

@@ -29,7 +29,9 @@ class Judged:
     """Answers to the third question."""
 
     figures: dict[str, Closed]
-    shares: dict[str, float]  # By effect, of the features' gap that was closed (Shapley); sum 1.
+    # By effect, of what is closed in its arm's features (Shapley): sum 1 in each arm; none of
+    # effects of which some can only be set together.
+    shares: dict[str, float]
 
 
 def judged(locked: Sequence[Subject], settings: Settings, arms: Sequence[Found]) -> Judged:
@@ -79,7 +81,7 @@ def _figures(of: Subject, settings: Settings) -> tuple[dict[str, float], ...]:
 
 def _likelihoods(arm: Found, locked: Sequence[Subject]) -> tuple[Bench, Likelihood, Likelihood]:
     """The locked scenes' features: of the real readings, and of simulated ones in their place."""
-    table = dataclasses.replace(arm.bench, subjects=tuple(locked), _kept={})
+    table = dataclasses.replace(arm.bench, subjects=tuple(locked), _kept={}, _begun={})
     base, weight = null.base(table), arm.screen.weight
     made = null.another(table, base, arm.settings, number=OTHER)
     assert made is not None  # As they were accepted together.
@@ -99,13 +101,14 @@ def _shares(arm: Found, table: Bench, likelihood: Likelihood) -> dict[str, float
     Source: Shapley, A value for n-person games (1953), eq. 13.
     """
     names = tuple(arm.settings)
-    closed_by = {
-        some: likelihood.size(likelihood.nothing)
-        - likelihood.size(_made(table, {name: arm.settings[name] for name in some}))
-        for count in range(1, len(names) + 1)
-        for some in itertools.combinations(names, count)
-    }
-    closed_by[()] = 0.0
+    closed_by: dict[tuple[str, ...], float] = {(): 0.0}
+    for count in range(1, len(names) + 1):
+        for some in itertools.combinations(names, count):
+            change = table.change({name: arm.settings[name] for name in some})
+            if change is None:  # As a small penalty that is above the base's large one.
+                return {}
+            size = likelihood.size(Made(change))
+            closed_by[some] = likelihood.size(likelihood.nothing) - size
     total = closed_by[names]
     if total <= 0:
         return {}

@@ -10,6 +10,7 @@ from diagnosis.diagnosis import Diagnosis
 from diagnosis.howfar.judged import Judged
 from diagnosis.howfar.residual import Residual
 from diagnosis.report import sentences
+from diagnosis.where import frames
 from diagnosis.which.arm import Found
 from diagnosis.which.search import Accepted
 
@@ -34,12 +35,22 @@ def figures(of: Diagnosis) -> dict[str, Any]:
                     "frame": one.frame,
                     "mean": one.mean.tolist(),
                     "deviations": one.deviations.tolist(),
+                    "agreement": one.agreement.tolist(),
                 }
                 for one in of.where.maps
             ],
+            "frames": {
+                one.quantity: frames.frame(of.where.maps, one.quantity) for one in of.where.maps
+            },
             "bodies": [dataclasses.asdict(body) for body in of.where.bodies],
         },
-        "which": {arm.bench.arm.value: _arm(arm) for arm in of.arms},
+        "which": {
+            arm.bench.arm.value: {
+                **_arm(arm),
+                "frame": frames.of_arm(of.where.maps, arm.bench.arm.value),
+            }
+            for arm in of.arms
+        },
         "howfar": _with_bound(howfar(of.howfar), of.residual),
         "shares": {} if of.howfar is None else of.howfar.shares,
         "absorption": ({} if of.residual is None else dataclasses.asdict(of.residual.absorption)),

@@ -8,6 +8,7 @@ from diagnosis.diagnosis import Diagnosis
 from diagnosis.howfar.closed import Closed
 from diagnosis.report import groups
 from diagnosis.report.words import words
+from diagnosis.where import frames
 from diagnosis.which.arm import Found
 from diagnosis.which.search import Accepted
 from sim.effects.effect import Value
@@ -17,6 +18,12 @@ STAGES = {
     "image": "the infrared images",
     "depth": "the device's matcher and filters",
     "whole": "depth",
+}
+
+FRAMES: dict[frames.Stays, str] = {
+    "camera": "stays in the camera's image",
+    "projector": "stays in the projector's field",
+    "both": "stays in the camera's image or the projector's field",
 }
 
 
@@ -52,7 +59,11 @@ def _which(of: Diagnosis) -> str:
     if of.kind == "effects":
         named = [_named(one) for arm in of.arms for one in arm.search.accepted]
         return f"The gap is consistent with {', with '.join(named)}."
-    leads = [f"{STAGES[arm.bench.arm.value]}: {lead(arm)}" for arm in of.arms if arm.unexplained]
+    leads = [
+        f"{STAGES[arm.bench.arm.value]}: {lead(arm)}{stays(of, arm)}"
+        for arm in of.arms
+        if arm.unexplained
+    ]
     rest = "None of the known effects explains the gap; what is left shows in " + "; ".join(leads)
     return " ".join([f"{rest}.", *_beside(of)])
 
@@ -79,6 +90,12 @@ def lead(arm: Found) -> str:
     if arm.varying:
         said.append(f"{', '.join(map(groups.told, arm.varying))}, in each scene otherwise")
     return "; ".join(said) or "no single group of features"
+
+
+def stays(of: Diagnosis, arm: Found) -> str:
+    """Say in which frame rooms agree about where an arm's gap is, as the end of a clause."""
+    found = frames.of_arm(of.where.maps, arm.bench.arm.value)
+    return "" if found is None else f" (before any effect its place {FRAMES[found]})"
 
 
 def _named(one: Accepted) -> str:

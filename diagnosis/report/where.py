@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from calibration.report.elements import bar, number, table
 from diagnosis.diagnosis import Diagnosis
-from diagnosis.report import pictures, scene
+from diagnosis.report import pictures, scene, sentences
 from diagnosis.report.elements import Bar, chart, interval, percent, picture, points, prose
 from diagnosis.report.words import Words, words
+from diagnosis.where import frames
 from diagnosis.where.maps import CAMERA, FIELD, Map, OfBody
 from diagnosis.where.rules import Rule
 from diagnosis.where.swap import Part
@@ -140,11 +141,14 @@ def _maps(of: Diagnosis) -> str:
         )
         limit = pictures.limit(some, least=filled.least)
         drawn = "".join(_map(one, filled, limit, info.height / info.width) for one in some)
+        told = frames.frame(some, quantity)
+        stays = "stays in neither frame" if told is None else sentences.FRAMES[told]
         ends = [f"{number(end * filled.scale, '+.3g')} {filled.unit}" for end in (-limit, limit)]
         parts.append(
             f'<h4>{escape(filled.title)}</h4><div class="pairs">{drawn}</div>'
             f'<div class="scale">{bar(pictures.scale(), *map(escape, ends))}'
             f"red: {escape(filled.red)}</div>"
+            + prose(f"As far as these rooms tell, its place {stays}.", quiet=True)
         )
     return "".join(parts)
 

@@ -23,7 +23,7 @@ def section(of: Diagnosis) -> str:
     """Write the answer to the second question as HTML."""
     if not of.arms:
         return prose("No effect was tried: these captures cannot tell.")
-    return "".join(_arm(arm) for arm in of.arms) + _tell_apart(of) + _noticed(of.noticed)
+    return "".join(_arm(of, arm) for arm in of.arms) + _tell_apart(of) + _noticed(of.noticed)
 
 
 def _noticed(of: Sequence[Noticed]) -> str:
@@ -55,7 +55,7 @@ def _unit(name: str) -> str:
     return "" if parameter.unit == "1" else parameter.unit
 
 
-def _arm(arm: Found) -> str:
+def _arm(of: Diagnosis, arm: Found) -> str:
     stage = sentences.STAGES[arm.bench.arm.value]
     before, after = (number(size, ".3g") for size in arm.sizes)
     said = (
@@ -69,7 +69,7 @@ def _arm(arm: Found) -> str:
         f"<h3>In {escape(stage)}</h3>"
         + prose(said)
         + _accepted(arm)
-        + _lead(arm)
+        + _lead(of, arm)
         + _groups(arm)
         + f"<h4>Held-out gain of single effects, each alone</h4>{_alone(arm)}"
     )
@@ -115,10 +115,10 @@ def _set(one: Accepted, *, stand_in: bool) -> str:
     return f"{name} is not separable from {escape(rivals)}.{imitates}"
 
 
-def _lead(arm: Found) -> str:
+def _lead(of: Diagnosis, arm: Found) -> str:
     if not arm.unexplained:
         return ""
-    shows = sentences.lead(arm)
+    shows = sentences.lead(arm) + sentences.stays(of, arm)
     return (
         f'<ul class="open"><li>None of the known effects explains what is left here. It shows in '
         f"{escape(shows)}.</li></ul>"

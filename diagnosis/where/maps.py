@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,15 @@ from diagnosis.ground import FAR_OFF_PX, Ground, Mask
 from diagnosis.reading import Reading
 from diagnosis.rooms import FEWEST, means
 from sim.scene import Scene
+from sim.statistics import mean_known
 
-CAMERA, PROJECTOR = "camera", "projector"
+Frame = Literal["camera", "projector"]
+
+CAMERA: Frame = "camera"
+PROJECTOR: Frame = "projector"
 ROWS, COLUMNS = 18, 32  # Cells of a map.
 _FEWEST = 12  # Pixels of a scene in a cell, or on an object.
+_FEWEST_CELLS = 30  # That two maps share, to be compared.
 FIELD = 1.0  # Tangent of the half field that a projector's map shows to each side.
 _UNKNOWN = np.full((ROWS, COLUMNS), np.nan)
 
@@ -30,10 +36,13 @@ class Map:
     """Mean over rooms of one quantity's gap in one frame."""
 
     quantity: str  # "infrared": log ratio; "error": [px]; "holes": share.
-    frame: str
+    frame: Frame
     mean: NDArray[np.float64]  # (rows, columns); NaN where fewer than two rooms reach.
     # Likewise, how far a normal deviate of its chance is off; NaN of too few rooms.
     deviations: NDArray[np.float64]
+    # (rooms,) covariance over cells of each room's map with the mean of the others, in the square
+    # of the quantity's unit: noise adds nothing to it. NaN where too few cells are known.
+    agreement: NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -132,7 +141,7 @@ def _counted(values: NDArray, counted: Mask) -> NDArray[np.float64]:
     return np.where(counted, values, np.nan)
 
 
-def _cells(ground: Ground, frame: str) -> NDArray[np.int64]:
+def _cells(ground: Ground, frame: Frame) -> NDArray[np.int64]:
     """Number of each pixel's cell (h, w); -1 outside."""
     if frame == CAMERA:
         height, width = ground.counted.shape
@@ -154,7 +163,7 @@ def _means(values: NDArray[np.float64], cell: NDArray[np.int64]) -> NDArray[np.f
     return mean.reshape(ROWS, COLUMNS)
 
 
-def _over_rooms(quantity: str, frame: str, each: NDArray[np.float64]) -> Map:
+def _over_rooms(quantity: str, frame: Frame, each: NDArray[np.float64]) -> Map:
     known = np.isfinite(each)
     count = known.sum(axis=0)
     total = np.where(known, each, 0.0).sum(axis=0)
@@ -165,4 +174,19 @@ def _over_rooms(quantity: str, frame: str, each: NDArray[np.float64]) -> Map:
     # Few rooms make large t by chance: as far off as a normal deviate of the same chance.
     off = np.sign(t) * stats.norm.isf(np.maximum(stats.t.sf(np.abs(t), free), 1e-300))
     deviations = np.where(count >= FEWEST, off, np.nan)
-    return Map(quantity=quantity, frame=frame, mean=mean, deviations=deviations)
+    return Map(
+        quantity=quantity,
+        frame=frame,
+        mean=mean,
+        deviations=deviations,
+        agreement=np.array([_agreement(each, room) for room in range(len(each))]),
+    )
+
+
+def _agreement(each: NDArray[np.float64], room: int) -> float:
+    one, others = each[room], mean_known(np.delete(each, room, axis=0), axis=0)
+    known = np.isfinite(one) & np.isfinite(others)
+    if np.count_nonzero(known) < _FEWEST_CELLS:
+        return float("nan")
+    first, second = (values[known] - values[known].mean() for values in (one, others))
+    return float(np.mean(first * second))

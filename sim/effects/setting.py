@@ -48,6 +48,11 @@ def on_sensor(sensor: Sensor, settings: Mapping[str, Value]) -> Sensor:
         return sensor_edits.with_values(sensor, values)
 
 
+def is_scenes(asked: str) -> bool:
+    """Return whether an effect, or one parameter of it, moves nothing of a sensor."""
+    return all(path.startswith(_SCENE) for path in parameter_of(asked)[1].paths)
+
+
 def on_scene(scene: Scene, settings: Mapping[str, Value]) -> Scene:
     """Set those effects that move a scene (see `apply`)."""
     for path, (asked, to) in _moved(settings).items():

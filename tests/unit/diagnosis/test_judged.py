@@ -50,6 +50,14 @@ def test_what_closes_nothing_has_no_shares():
     assert module._shares(of({"veil": 1.0}), bench, likelihood) == {}
 
 
+def test_effects_that_can_only_be_set_together_have_no_shares():
+    bench: Any = FakeBench()
+    likelihood = likelihood_of(THREE, 7, bench=bench)
+    change = bench.change
+    bench.change = lambda settings: None if [*settings] == ["crosstalk"] else change(settings)
+    assert module._shares(of(THREE), bench, likelihood) == {}
+
+
 def test_before_after_and_floor_are_of_real_readings_and_of_one_that_stands_for_them(
     monkeypatch: pytest.MonkeyPatch,
 ):

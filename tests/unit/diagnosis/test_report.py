@@ -224,6 +224,24 @@ def test_none_of_the_known_is_a_verdict_and_leads():
     assert "what is left here" not in Reader(page(FULL)).text
 
 
+def test_a_lead_tells_in_whose_frame_the_gap_stays():
+    left = dataclasses.replace(NAMED, beyond=np.full_like(NAMED.beyond, 3.0))
+    leading = found(left, arm=Arm.DEPTH, leads=(("level",), ()))
+    agree = {maps.CAMERA: np.array([0.1, 0.2, 0.1]), maps.PROJECTOR: np.array([0.9, 0.8, 1.0])}
+    drawn = tuple(
+        dataclasses.replace(one, agreement=agree[one.frame] * (one.quantity == "error"))
+        for one in FULL.where.maps
+    )
+    somewhere = dataclasses.replace(FULL.where, maps=drawn)
+    one = diagnosis(kind="none of the known", arms=(leading,), where=somewhere)
+    said = "brightness (before any effect its place stays in the projector's field)."
+    assert said in sentences.answer(one)[1] and said in Reader(page(one)).text
+    assert "its place stays in neither frame." in Reader(page(one)).text
+    told = json.loads(record.dumps(figures.figures(one)))
+    assert told["which"]["depth"]["frame"] == told["where"]["frames"]["error"] == "projector"
+    assert told["where"]["frames"]["holes"] is None
+
+
 def test_a_half_that_is_explained_has_no_stand_ins():
     left = dataclasses.replace(NAMED, beyond=np.full_like(NAMED.beyond, 3.0))
     leading = found(left, arm=Arm.DEPTH, leads=(("level",), ()))

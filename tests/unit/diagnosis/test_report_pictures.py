@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
@@ -39,7 +41,9 @@ def decoded(data: bytes) -> np.ndarray:
 def test_maps_are_red_above_zero_blue_below_and_grey_where_unknown():
     mean = np.zeros((maps.ROWS, maps.COLUMNS))
     mean[0, 0], mean[0, 1], mean[0, 2] = 0.5, -0.5, NAN
-    one = Map(quantity="holes", frame=maps.CAMERA, mean=mean, deviations=mean)
+    one = Map(
+        quantity="holes", frame=maps.CAMERA, mean=mean, deviations=mean, agreement=np.zeros(2)
+    )
     image = decoded(pictures.heat(mean, 0.5, aspect=1.0))
     assert image.shape[0] / image.shape[1] == pytest.approx(9 / 16, abs=0.01)
     side = image.shape[1] // maps.COLUMNS
@@ -48,7 +52,7 @@ def test_maps_are_red_above_zero_blue_below_and_grey_where_unknown():
     assert tuple(cells[2]) == pictures.UNKNOWN and cells[3].min() > 240
     mean[1:3] = 0.25
     assert pictures.limit([one], least=0.02) == pytest.approx(0.25)
-    unknown = Map(quantity="holes", frame=maps.CAMERA, mean=NAN * mean, deviations=mean)
+    unknown = dataclasses.replace(one, mean=NAN * mean)
     assert pictures.limit([unknown], least=0.02) == 0.02
 
 
