@@ -8,6 +8,7 @@ from pathlib import Path
 
 from diagnosis.complete import complete
 from diagnosis.crew import Crew
+from diagnosis.estimated import TAKEN_UP
 from diagnosis.families import refuse_others
 from diagnosis.howfar.judged import Judged
 from diagnosis.howfar.residual import METHOD, Residual, learn
@@ -26,6 +27,7 @@ from learning import registry
 from patterns.errors import InputError, refuse
 from sim import progress
 from sim.capture import CaptureSet
+from sim.effects import setting
 from sim.effects.effect import Value
 from sim.sensor import Sensor
 
@@ -44,6 +46,7 @@ class Diagnosis:
     arms: tuple[Found, ...]
     settings: dict[str, Value]  # By accepted effect, all arms'.
     together: bool  # Whether one sensor can have all of them.
+    taken_up: tuple[str, ...]  # Those that estimates of reflectance and light take up in part.
     tell_apart: tuple[Told, ...]  # The best capture for each accepted effect and its first rival.
     howfar: Judged | None  # None where no scene is locked or nothing is named.
     residual: Residual | None  # None where it was not asked for, or nothing could be learnt.
@@ -147,12 +150,19 @@ def diagnose(
         arms=found.arms,
         settings=found.settings,
         together=found.together,
+        taken_up=_taken_up(found.settings, subjects),
         tell_apart=tuple(proposed),
         howfar=found.howfar,
         residual=learnt,
         noticed=tuple(seen),
         shown=shown((locked or subjects)[0], found.settings if found.together else {}),
     )
+
+
+def _taken_up(settings: Mapping[str, Value], subjects: Sequence[Subject]) -> tuple[str, ...]:
+    if not any(one.estimates and one.against is None for one in subjects):
+        return ()
+    return tuple(name for name in settings if setting.parameter_of(name)[0].family in TAKEN_UP)
 
 
 def _told(

@@ -26,6 +26,19 @@ from sim.sensor import Sensor
 
 Estimates = tuple[Callable[[], Scene], ...]
 
+# Families of effects that the estimates take up in part: what is left of them is not separable
+# from reflectance and light.
+TAKEN_UP = frozenset(
+    {
+        "ambient",
+        "ambient_gradient",
+        "filter",
+        "projector_falloff",
+        "reflectance",
+        "signal_gain",
+        "vignetting",
+    }
+)
 _DARKER = 0.5  # Brightness alone does not tell light from reflectance.
 _SHADED = 0.3  # Nor a lens's fall-off, here of this share in the corners.
 _BRIGHTER = 1.2  # Dots tell of ambient light to about so much.

@@ -29,6 +29,12 @@ _SEEDS = 4  # Of the noise of a proposed capture.
 _REPEATS = 8
 _NOTHING = Reading(left=None, right=None, ours_px=None, device_px=None)
 _MOST = 4.0  # Deviations of one feature that count: one alone must not reach `TOLD`.
+_FILTERS = {
+    "decimation": 1.0,
+    "spatial_filter": 1.0,
+    "temporal_filter": 1.0,
+    "hole_filling": "off",
+}
 TOLD = 5.0  # Root sum of squares over groups of features from which a capture tells rivals apart.
 
 Setup = tuple[Scene, Sensor]
@@ -43,6 +49,7 @@ class Proposal:
     cost: float  # Effort, 1 for a switch.
     frames: int
     setups: Callable[[Scene, Sensor], Sequence[Setup]]
+    arms: frozenset[Arm] = frozenset(Arm)  # In which it shows anything.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -52,11 +59,7 @@ class Told:
     capture: str
     rivals: tuple[str, str]
     deviations: float  # Root sum of squares over groups of features.
-
-    @property
-    def enough(self) -> bool:
-        """Whether it is worth taking."""
-        return self.deviations >= TOLD
+    enough: bool  # Whether it is worth taking.
 
 
 def _projector_off(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
@@ -104,6 +107,10 @@ def _as_is(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
     return [(scene, sensor)]
 
 
+def _filters_off(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
+    return [(scene, setting.on_sensor(sensor, _FILTERS))]
+
+
 def _lit(scene: Scene, irradiance_w_m2: float) -> Scene:
     ambient = dataclasses.replace(scene.ambient, irradiance_w_m2=irradiance_w_m2)
     return dataclasses.replace(scene, ambient=ambient)
@@ -115,6 +122,13 @@ MENU = (
     Proposal(text="the same scene with a lamp on", cost=1, frames=1, setups=_lamp_on),
     Proposal(text="the same scene exposed twice as long", cost=1, frames=1, setups=_exposed_longer),
     Proposal(text=f"{_REPEATS} repeats of the same scene", cost=1, frames=_REPEATS, setups=_as_is),
+    Proposal(
+        text="the same scene with the depth filters off",
+        cost=1,
+        frames=1,
+        setups=_filters_off,
+        arms=frozenset({Arm.DEPTH, Arm.WHOLE}),
+    ),
     Proposal(text="a flat wall at 0.6, 1.2 and 2.4 m", cost=3, frames=1, setups=_walls),
 )
 
@@ -143,9 +157,17 @@ def tell_apart(
     names = (", ".join(one), ", ".join(other))
     found = []
     for proposal in menu:
+        if arm not in proposal.arms:
+            continue
         squares = _squares(one, other, of, arm, proposal)
         if squares is not None:
-            told = Told(capture=proposal.text, rivals=names, deviations=float(np.sqrt(squares)))
+            deviations = float(np.sqrt(squares))
+            told = Told(
+                capture=proposal.text,
+                rivals=names,
+                deviations=deviations,
+                enough=deviations >= TOLD,
+            )
             found.append((told.deviations / proposal.cost, told))
     return [told for _, told in sorted(found, key=lambda pair: -pair[0])]
 

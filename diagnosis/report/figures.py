@@ -21,7 +21,7 @@ def figures(of: Diagnosis) -> dict[str, Any]:
         "verdict": of.kind,
         "against": of.against,
         "says": sentences.answer(of),
-        "effects": effects(of.arms),
+        "effects": [{**one, "taken_up": one["name"] in of.taken_up} for one in effects(of.arms)],
         "noticed": [dataclasses.asdict(one) for one in of.noticed],
         "tell_apart": [dataclasses.asdict(one) for one in of.tell_apart],
         "where": {

@@ -20,6 +20,7 @@ STAGES = {
     "whole": "depth",
 }
 
+ESTIMATED = "reflectance and light, which were estimated"
 FRAMES: dict[frames.Stays, str] = {
     "camera": "stays in the camera's image",
     "projector": "stays in the projector's field",
@@ -57,7 +58,7 @@ def _which(of: Diagnosis) -> str:
     if of.kind == "no gap":
         return "No gap was found that an effect would have to explain."
     if of.kind == "effects":
-        named = [_named(one) for arm in of.arms for one in arm.search.accepted]
+        named = [_named(of, one) for arm in of.arms for one in arm.search.accepted]
         return f"The gap is consistent with {', with '.join(named)}."
     leads = [
         f"{STAGES[arm.bench.arm.value]}: {lead(arm)}{stays(of, arm)}"
@@ -71,7 +72,7 @@ def _which(of: Diagnosis) -> str:
 def _beside(of: Diagnosis) -> Iterator[str]:
     """What is named though a half is left unexplained: stand-ins there, effects in the other."""
     for arm in of.arms:
-        named = [_named(one) for one in arm.search.accepted]
+        named = [_named(of, one) for one in arm.search.accepted]
         stage = STAGES[arm.bench.arm.value]
         if named and arm.unexplained:
             yield f"Stand-ins in {stage}: {', '.join(named)}."
@@ -98,11 +99,14 @@ def stays(of: Diagnosis, arm: Found) -> str:
     return "" if found is None else f" (before any effect its place {FRAMES[found]})"
 
 
-def _named(one: Accepted) -> str:
+def _named(of: Diagnosis, one: Accepted) -> str:
     low, high = (number(end) for end in one.interval)
     said = f"{one.fit.name} {number(one.fit.value)} (90 %: {low} to {high})"
-    if one.rivals:
-        said += " (not separable from " + ", ".join(rival.name for rival in one.rivals) + ")"
+    names = [rival.name for rival in one.rivals]
+    if one.fit.name in of.taken_up:
+        names.append(ESTIMATED)
+    if names:
+        said += f" (not separable from {', '.join(names)})"
     return said
 
 

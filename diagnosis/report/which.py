@@ -68,14 +68,14 @@ def _arm(of: Diagnosis, arm: Found) -> str:
     return (
         f"<h3>In {escape(stage)}</h3>"
         + prose(said)
-        + _accepted(arm)
+        + _accepted(of, arm)
         + _lead(of, arm)
         + _groups(arm)
         + f"<h4>Held-out gain of single effects, each alone</h4>{_alone(arm)}"
     )
 
 
-def _accepted(arm: Found) -> str:
+def _accepted(of: Diagnosis, arm: Found) -> str:
     accepted = arm.search.accepted
     if not accepted:
         return prose("No effect is accepted here.")
@@ -94,25 +94,27 @@ def _accepted(arm: Found) -> str:
         )
     role = "Stand-in" if arm.unexplained else "Consistent with"
     head = [role, "Value", "90 % interval", "Unit", "Base", "Held-out gain"]
-    sets = "".join(f"<li>{_set(one, stand_in=arm.unexplained)}</li>" for one in accepted)
+    sets = "".join(f"<li>{_set(of, one, stand_in=arm.unexplained)}</li>" for one in accepted)
     return f"{table(head, rows)}<ul>{sets}</ul>"
 
 
-def _set(one: Accepted, *, stand_in: bool) -> str:
+def _set(of: Diagnosis, one: Accepted, *, stand_in: bool) -> str:
     effect, _ = setting.parameter_of(one.fit.name)
     name = f"<b>{escape(one.fit.name)}</b>"
     imitates = f'<br><span class="quiet">It imitates: {escape(effect.imitates)}</span>'
+    taken_up = one.fit.name in of.taken_up
     if not one.rivals and stand_in:
         return f"{name} takes part of the gap away and does not explain it.{imitates}"
-    if not one.rivals:
+    if not one.rivals and not taken_up:
         return f"{name} is separable from the other effects that were looked at closely.{imitates}"
-    rivals = ", ".join(
+    rivals = [
         f"{rival.name} {sentences.number(rival.value)} "
         f"[{sentences.number(low)}, {sentences.number(high)}] "
         f"(gain {number(rival.total, '.1f')})"
         for rival, (low, high) in zip(one.rivals, one.rival_intervals, strict=True)
-    )
-    return f"{name} is not separable from {escape(rivals)}.{imitates}"
+    ]
+    told = ", ".join([*rivals, *([sentences.ESTIMATED] if taken_up else [])])
+    return f"{name} is not separable from {escape(told)}.{imitates}"
 
 
 def _lead(of: Diagnosis, arm: Found) -> str:

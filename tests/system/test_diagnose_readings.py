@@ -205,7 +205,11 @@ def test_a_capture_that_tells_is_found(place):
     """Noise in electrons against light on the dark level: a lens cap takes the one away."""
     scene = capture.open_set(place / "null").scenes[0]
     one = subject.subject(scene, sensor())
-    menu = [proposal for proposal in MENU if proposal.cost == 1 and proposal.frames == 1]
+    menu = [
+        proposal
+        for proposal in MENU
+        if proposal.cost == 1 and proposal.frames == 1 and Arm.IMAGE in proposal.arms
+    ]
     told = tell_apart(one, {"vertical_offset": 0.5}, {"veil": 0.05}, Arm.IMAGE, menu=menu)
     assert told[0].enough and told[0].deviations >= told[-1].deviations
     same = tell_apart(one, {"veil": 0.05}, {"veil": 0.05}, Arm.IMAGE, menu=menu[:1])
@@ -221,6 +225,15 @@ def test_bits_that_a_matcher_alone_reads_are_told_from_none(place):
     assert told.deviations > 1
     (told,) = tell_apart(one, {"dropped_bits": base}, {}, Arm.DEPTH, menu=as_is)
     assert told.deviations == 0
+
+
+def test_filters_that_are_off_tell_them_from_the_matcher(place):
+    one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
+    off = [each for each in MENU if "filters off" in each.text]
+    rivals = [{"spatial_filter": 0.4}, {"hole_filling": "nearest"}, {"median": 0}]
+    assert tell_apart(one, *rivals[:2], Arm.DEPTH, menu=off)[0].deviations == 0
+    assert tell_apart(one, *rivals[1:], Arm.DEPTH, menu=off)[0].deviations > 1
+    assert tell_apart(one, *rivals[:2], Arm.IMAGE, menu=off) == []
 
 
 def test_at_a_wall_the_camera_moves_and_light_is_as_in_the_scene(place):

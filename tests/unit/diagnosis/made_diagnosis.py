@@ -125,6 +125,7 @@ def diagnosis(captured: list[Reading] | None = None, **others: Any) -> Diagnosis
         "arms": (found(NAMED),),
         "settings": NAMED.settings,
         "together": True,
+        "taken_up": (),
         "tell_apart": (),
         "howfar": HOWFAR,
         "residual": None,

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from diagnosis import diagnosis as module
+from diagnosis import estimated, families
 from diagnosis.limits import limits_of
 from diagnosis.nuisances import SCALE, SHIFT, TURN, Nuisance
 from diagnosis.which.candidates import Arm
@@ -152,3 +154,13 @@ def test_how_far_references_were_moved_is_told_in_millimetres_and_degrees():
     assert "References were moved" in text
     assert "by up to 5.0 mm and 0.05 degree" in text
     assert "References were moved" not in told(scene())
+
+
+def test_what_estimates_take_up_is_light_and_what_looks_like_it():
+    assert set(families.known()) >= estimated.TAKEN_UP
+    settings = {"gain": 2.0, "lens_blur": 0.5, "vignetting": 1.0, "motion.x": 0.1}
+    guessed: Any = SimpleNamespace(estimates=(1,), against=None)
+    known: Any = SimpleNamespace(estimates=(), against=None)
+    beside: Any = SimpleNamespace(estimates=(1,), against=object())
+    assert module._taken_up(settings, [known, guessed]) == ("gain", "vignetting")
+    assert module._taken_up(settings, [known, beside]) == ()

@@ -141,6 +141,21 @@ def test_accepted_effects_stand_with_value_interval_and_set():
         assert shown == (each.total > 0) and (shown or each.name not in alone)
 
 
+def test_what_estimates_take_up_is_not_separable_from_them():
+    (one,) = NAMED.accepted
+    rivals = [rival.name for rival in one.rivals]
+    taken = dataclasses.replace(FULL, taken_up=(one.fit.name,))
+    said = f"{', '.join([*rivals, 'reflectance and light, which were estimated'])})"
+    assert said in sentences.answer(taken)[1]
+    alone = dataclasses.replace(one, rivals=(), rival_intervals=())
+    bare = dataclasses.replace(NAMED, accepted=(alone,))
+    text = Reader(page(dataclasses.replace(taken, arms=(found(bare),)))).text
+    assert f"{one.fit.name} is not separable from reflectance and light" in text
+    assert "is separable from the other effects" not in text
+    assert [each["taken_up"] for each in figures.figures(taken)["effects"]] == [True]
+    assert [each["taken_up"] for each in figures.figures(FULL)["effects"]] == [False]
+
+
 def test_no_cause_is_claimed():
     unknown = diagnosis(kind="none of the known", arms=(found(NAMED, leads=(("level",), ())),))
     for one in (FULL, unknown):
@@ -148,8 +163,8 @@ def test_no_cause_is_claimed():
 
 
 def test_the_capture_that_would_tell_is_told():
-    near = Told(capture="a lens cap on", rivals=("a", "b"), deviations=1.25)
-    far = Told(capture="8 repeats", rivals=("x, c", "x, d"), deviations=12.0)
+    near = Told(capture="a lens cap on", rivals=("a", "b"), deviations=1.25, enough=False)
+    far = Told(capture="8 repeats", rivals=("x, c", "x, d"), deviations=12.0, enough=True)
     text = Reader(page(diagnosis(tell_apart=(near, far)))).text
     assert "c against d (beside x): take 8 repeats; they would stand 12.0 deviations apart" in text
     assert "a against b: no capture that was tried tells them apart for sure; the best, a lens" in (
