@@ -17,6 +17,7 @@ from sim.effects import setting
 from sim.output import RECORD, OutputFolder, refuse_own_input
 from sim.sensor import Sensor
 
+BASE = "base.toml"
 FIXED = "sensor.toml"
 PAGE = "report.html"
 
@@ -41,7 +42,8 @@ def diagnose_captures(
     Args:
         captures: capture set or one scene in it.
         sensor: the base, with the captures' geometry.
-        out: folder for report.html, report.json and how they were made.
+        out: folder for report.html, report.json, the base as base.toml and how they were made;
+            all seeds are fixed.
         against: capture set that is compared in place of simulated captures; none if empty.
         cache: folder that keeps what is simulated, for other runs.
         families: of effects that are tried; all if none.
@@ -78,6 +80,7 @@ def diagnose_captures(
         figures = numbers.figures(found)
         folder.write("report.json", record.dumps(figures))
         folder.write(PAGE, page(found))
+        folder.write(BASE, sensors.dumps(sensor))
         better = fixed(found, sensor)
         fixable = fix and better != sensor
         if fixable:

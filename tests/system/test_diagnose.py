@@ -91,6 +91,7 @@ def test_an_effect_is_named_measured_and_mended(place, diagnosed):
     assert all(map(groups.told, told["which"]["image"]["by_group"]))
     assert told["where"]["parts"]["ndp_rate"]["device"] is None
     fixed = sensors.load(str(place / "bent-report" / "sensor.toml"))
+    assert sensors.load(str(place / "bent-report" / "base.toml")) == sensor()
     assert fixed.left.gamma == fixed.right.gamma == pytest.approx(found["parameters"]["gamma"])
     assert json.loads((place / "bent-report" / "report.json").read_text())["says"] == told["says"]
     assert "consistent with" in told["says"][1]
