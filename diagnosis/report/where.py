@@ -142,13 +142,16 @@ def _maps(of: Diagnosis) -> str:
         limit = pictures.limit(some, least=filled.least)
         drawn = "".join(_map(one, filled, limit, info.height / info.width) for one in some)
         told = frames.frame(some, quantity)
-        stays = "stays in neither frame" if told is None else sentences.FRAMES[told]
+        stays = (
+            "Rooms do not agree about its place."
+            if told is None
+            else f"As far as these rooms tell, its place {sentences.FRAMES[told]}."
+        )
         ends = [f"{number(end * filled.scale, '+.3g')} {filled.unit}" for end in (-limit, limit)]
         parts.append(
             f'<h4>{escape(filled.title)}</h4><div class="pairs">{drawn}</div>'
             f'<div class="scale">{bar(pictures.scale(), *map(escape, ends))}'
-            f"red: {escape(filled.red)}</div>"
-            + prose(f"As far as these rooms tell, its place {stays}.", quiet=True)
+            f"red: {escape(filled.red)}</div>" + prose(stays, quiet=True)
         )
     return "".join(parts)
 

@@ -251,7 +251,7 @@ def test_a_lead_tells_in_whose_frame_the_gap_stays():
     one = diagnosis(kind="none of the known", arms=(leading,), where=somewhere)
     said = "brightness (before any effect its place stays in the projector's field)."
     assert said in sentences.answer(one)[1] and said in Reader(page(one)).text
-    assert "its place stays in neither frame." in Reader(page(one)).text
+    assert "Rooms do not agree about its place." in Reader(page(one)).text
     told = json.loads(record.dumps(figures.figures(one)))
     assert told["which"]["depth"]["frame"] == told["where"]["frames"]["error"] == "projector"
     assert told["where"]["frames"]["holes"] is None
