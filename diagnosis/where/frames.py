@@ -14,8 +14,7 @@ from diagnosis.where.maps import CAMERA, PROJECTOR, Frame, Map
 
 Stays = Frame | Literal["both"]
 
-# As often as much as in the other frame: cells are not of one size there.
-_MORE = 1.5
+_MORE = 1.5  # Times as much as in the other frame, whose cells are of another size.
 # Quantities that tell of an arm, the first that stays anywhere.
 _TELLS = {"image": ("infrared",), "depth": ("error", "holes"), "whole": ("error", "holes")}
 
@@ -43,7 +42,7 @@ def frame(maps: Sequence[Map], quantity: str) -> Stays | None:
     first, second = sorted(each, key=lambda name: -np.nan_to_num(each[name]).mean())
     if not _surely(each[first]):
         return None
-    if not _surely(each[first] - _MORE * each[second]):
+    if not _surely(each[first] - _MORE * np.maximum(each[second], 0.0)):
         return "both"
     return first
 
@@ -57,9 +56,14 @@ def of_arm(maps: Sequence[Map], arm: str) -> Stays | None:
 
 
 def _surely(values: NDArray[np.float64]) -> bool:
-    """Whether the mean over rooms is above zero beyond chance (Student's t)."""
+    """Whether the mean over rooms is above zero beyond chance.
+
+    Each value is the mean over a room's pairs with all others, so values share pairs: the error is
+    the jackknife's of a mean over pairs (Arvesen, Ann. Math. Stat. 40, 1969).
+    """
     known = values[np.isfinite(values)]
-    if known.size < FEWEST:
+    count = known.size
+    if count < FEWEST:
         return False
-    error = known.std(ddof=1) / np.sqrt(known.size)
-    return bool(known.mean() > stats.t.ppf((1 + LEVEL) / 2, known.size - 1) * error)
+    error = 2 * (count - 1) / (count - 2) * known.std(ddof=1) / np.sqrt(count)
+    return bool(known.mean() > stats.t.ppf((1 + LEVEL) / 2, count - 1) * error)

@@ -62,6 +62,18 @@ def test_where_both_frames_are_one_either_may_hold_it():
     assert frames.frame(drawn("camera", moved=0.0), "error") == "both"
 
 
+@pytest.mark.parametrize("rooms", [3, 5, 8])
+def test_chance_is_rarely_taken_for_a_place(rooms: int):
+    """Of rooms that share nothing: 300 draws, of which one in forty is asked for at most."""
+    rng = np.random.default_rng(rooms)
+    told = 0
+    for _ in range(300):
+        each = rng.standard_normal((rooms, maps.ROWS, maps.COLUMNS))
+        found = [maps._over_rooms("error", frame, each) for frame in (maps.CAMERA, maps.PROJECTOR)]
+        told += frames.frame(found, "error") is not None
+    assert told <= 15
+
+
 def test_few_rooms_or_cells_tell_nothing():
     assert frames.frame(drawn("camera", rooms=2), "error") is None
     bare = dataclasses.replace(GROUND, counted=np.zeros_like(GROUND.counted))

@@ -242,7 +242,7 @@ def test_none_of_the_known_is_a_verdict_and_leads():
 def test_a_lead_tells_in_whose_frame_the_gap_stays():
     left = dataclasses.replace(NAMED, beyond=np.full_like(NAMED.beyond, 3.0))
     leading = found(left, arm=Arm.DEPTH, leads=(("level",), ()))
-    agree = {maps.CAMERA: np.array([0.1, 0.2, 0.1]), maps.PROJECTOR: np.array([0.9, 0.8, 1.0])}
+    agree = {maps.CAMERA: np.array([0.1, 0.1, 0.1]), maps.PROJECTOR: np.array([0.9, 0.9, 1.0])}
     drawn = tuple(
         dataclasses.replace(one, agreement=agree[one.frame] * (one.quantity == "error"))
         for one in FULL.where.maps
