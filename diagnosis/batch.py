@@ -134,6 +134,7 @@ def _told(found: Named, *, seed: int) -> dict[str, Any]:
             for arm in found.arms
         },
         "howfar": figures.howfar(found.howfar),
+        "versions": record.versions(),
         "baselines": _baselines(found.arms, seed=seed),
         "baselines_by_arm": {
             arm.bench.arm.value: _baselines([arm], seed=seed) for arm in found.arms

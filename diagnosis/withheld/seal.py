@@ -7,15 +7,16 @@ become another once answers are known.
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
 import json
-import platform
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
+import scipy
 
 from diagnosis.withheld import case
 from diagnosis.withheld.case import Case
@@ -31,7 +32,6 @@ MADE = "made.json"  # Of what and by which code a source's folder is made.
 
 _ROOT = Path(__file__).parents[2]
 _PACKAGES = ("calibration", "diagnosis", "learning", "patterns", "sim")
-_LIBRARIES = ("mitsuba", "drjit", "numpy", "scipy", "numba")
 _SUFFIXES = (".py", ".json", ".toml")
 _PICTURE = re.compile(r'"([^"\n]+\.png)"')
 
@@ -150,9 +150,9 @@ def code() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the libraries that cases and verdicts follow from."""
-    found = {name: importlib.metadata.version(name) for name in _LIBRARIES}
-    return {"python": platform.python_version(), "opencv": cv2.__version__, **found}
+    """Versions of Python and of this package's libraries; verdicts tell the diagnosis' own."""
+    libraries = {one.__name__: one.__version__ for one in (cv2, np, scipy)}
+    return {"python": sys.version.split()[0], **libraries}
 
 
 def _sealed(public: Path) -> dict[str, str]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from diagnosis.withheld import seal
 
 
@@ -18,3 +20,8 @@ def test_a_sensor_is_its_file_and_the_pictures_that_it_names(tmp_path: Path) -> 
     sensor.write_text('pattern = "my/emitter-0.png"  # \n')
     assert len({first, other, seal.of_sensor(sensor)}) == 3
     assert seal.of_sensor(Path("d415")) == "d415"
+
+
+def test_versions_are_those_that_run() -> None:
+    told = seal.versions()
+    assert told["numpy"] == np.__version__ and set(told) == {"python", "cv2", "numpy", "scipy"}
