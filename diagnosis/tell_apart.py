@@ -59,7 +59,11 @@ class Told:
     capture: str
     rivals: tuple[str, str]
     deviations: float  # Root sum of squares over groups of features.
-    enough: bool  # Whether it is worth taking.
+
+    @property
+    def enough(self) -> bool:
+        """Whether it is worth taking."""
+        return self.deviations >= TOLD
 
 
 def _projector_off(scene: Scene, sensor: Sensor) -> Sequence[Setup]:
@@ -161,13 +165,7 @@ def tell_apart(
             continue
         squares = _squares(one, other, of, arm, proposal)
         if squares is not None:
-            deviations = float(np.sqrt(squares))
-            told = Told(
-                capture=proposal.text,
-                rivals=names,
-                deviations=deviations,
-                enough=deviations >= TOLD,
-            )
+            told = Told(capture=proposal.text, rivals=names, deviations=float(np.sqrt(squares)))
             found.append((told.deviations / proposal.cost, told))
     return [told for _, told in sorted(found, key=lambda pair: -pair[0])]
 

@@ -23,7 +23,7 @@ def figures(of: Diagnosis) -> dict[str, Any]:
         "says": sentences.answer(of),
         "effects": [{**one, "taken_up": one["name"] in of.taken_up} for one in effects(of.arms)],
         "noticed": [dataclasses.asdict(one) for one in of.noticed],
-        "tell_apart": [dataclasses.asdict(one) for one in of.tell_apart],
+        "tell_apart": [{**dataclasses.asdict(one), "enough": one.enough} for one in of.tell_apart],
         "where": {
             "parts": {name: _part(part) for name, part in of.where.parts.items()},
             "rules": [dataclasses.asdict(rule) for rule in of.where.rules],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from diagnosis.withheld.answered import Answered
@@ -52,12 +52,16 @@ def baselines(singles: Sequence[Answered]) -> dict[str, dict[str, float | None]]
     }
 
 
-def as_good(singles: Sequence[Answered]) -> int | None:
-    """How many simpler ways name as many singles right, or more; None where there is no single."""
-    first = figure(singles, lambda one: one.first_right).value
+def as_good(first: float | None, simpler: Mapping[str, Mapping[str, float | None]]) -> int | None:
+    """How many simpler ways name as many singles right, or more; None where there is no single.
+
+    Args:
+        first: Share that the diagnosis names first.
+        simpler: As `baselines` gives it.
+    """
     if first is None:
         return None
-    return sum((one["top1"] or 0.0) >= first for one in baselines(singles).values())
+    return sum((one["top1"] or 0.0) >= first for one in simpler.values())
 
 
 def closed_by_metric(cases: Sequence[Answered]) -> dict[str, dict[str, float | None]]:

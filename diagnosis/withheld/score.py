@@ -69,9 +69,10 @@ def score(
         "unknown_false_effects": figure([*of["single"], *of["pair"]], lambda one: one.unknown),
         **_closed([*of["single"], *of["pair"]]),
     }
+    simpler = breakdown.baselines(of["single"])
     scores = {
         **{key: one.value for key, one in figures.items()},
-        "baselines_as_good": breakdown.as_good(of["single"]),
+        "baselines_as_good": breakdown.as_good(figures["top1"].value, simpler),
     }
     asked = goals(tier, scores, infrared=infrared)
     return {
@@ -83,7 +84,7 @@ def score(
         **scores,
         "by_effect": breakdown.by_effect(of["single"], nominal),
         "confusion": breakdown.confusion(answered, left_out),
-        "baselines": breakdown.baselines(of["single"]),
+        "baselines": simpler,
         "closed_by_metric": breakdown.closed_by_metric([*of["single"], *of["pair"]]),
         "seconds": math.fsum(one.verdict.seconds for one in (*answered, *left_out, *family_alone)),
         "intervals": _intervals(

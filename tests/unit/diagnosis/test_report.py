@@ -163,14 +163,16 @@ def test_no_cause_is_claimed():
 
 
 def test_the_capture_that_would_tell_is_told():
-    near = Told(capture="a lens cap on", rivals=("a", "b"), deviations=1.25, enough=False)
-    far = Told(capture="8 repeats", rivals=("x, c", "x, d"), deviations=12.0, enough=True)
-    text = Reader(page(diagnosis(tell_apart=(near, far)))).text
+    near = Told(capture="a lens cap on", rivals=("a", "b"), deviations=1.25)
+    far = Told(capture="8 repeats", rivals=("x, c", "x, d"), deviations=12.0)
+    of_both = diagnosis(tell_apart=(near, far))
+    text = Reader(page(of_both)).text
     assert "c against d (beside x): take 8 repeats; they would stand 12.0 deviations apart" in text
     assert "a against b: no capture that was tried tells them apart for sure; the best, a lens" in (
         text
     )
     assert "The capture that would tell" not in page(FULL)
+    assert [one["enough"] for one in figures.figures(of_both)["tell_apart"]] == [False, True]
 
 
 def test_how_far_has_its_numbers():

@@ -70,10 +70,7 @@ def test_the_first_that_is_enough_is_proposed_else_what_tells_most(
 
     def submit(scene: str, call: Any, *pair: Any) -> Any:
         asked.append((scene, call, *pair))
-        captures = [
-            Told(capture=text, rivals=("a", "b"), deviations=off, enough=off >= TOLD)
-            for text, off in told
-        ]
+        captures = [Told(capture=text, rivals=("a", "b"), deviations=off) for text, off in told]
         return SimpleNamespace(result=lambda: captures)
 
     def accepted(name: str, *rivals: str) -> Any:

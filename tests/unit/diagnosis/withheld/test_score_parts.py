@@ -38,10 +38,11 @@ def test_a_baseline_that_names_a_parameter_names_its_effect(say: Make, answer: M
     assert found == {"cosine": {"top1": 1.0}, "random": {"top1": 0.0}}
 
 
-def test_a_simpler_way_that_names_as_many_is_counted(effect: Make, say: Make, answer: Make) -> None:
+def test_a_simpler_way_that_names_as_many_is_counted(
+    effect: Make, say: Make, answer: Make, camera: Nominal
+) -> None:
     said = say("effects", effect("lens_blur"), cosine="lens_blur", largest_drop="veil")
     missed = say("no gap", cosine="veil", largest_drop="veil", random="lens_blur")
     right, wrong = (answer({"lens_blur": 0.8}, one) for one in (said, missed))
-    assert breakdown.as_good([right]) == 1
-    assert breakdown.as_good([wrong]) == 3
-    assert breakdown.as_good([]) is None
+    found = [score(cases, camera, families={}, tier=1) for cases in ([right], [wrong], [])]
+    assert [one["baselines_as_good"] for one in found] == [1, 3, None]
