@@ -28,6 +28,7 @@ ROWS, COLUMNS = 18, 32  # Cells of a map.
 _FEWEST = 12  # Pixels of a scene in a cell, or on an object.
 _FEWEST_CELLS = 30  # That two maps share, to be compared.
 FIELD = 1.0  # Tangent of the half field that a projector's map shows to each side.
+_RAISED_DN = 1.0  # Added to levels, as black ones have no logarithm.
 _UNKNOWN = np.full((ROWS, COLUMNS), np.nan)
 
 
@@ -35,7 +36,7 @@ _UNKNOWN = np.full((ROWS, COLUMNS), np.nan)
 class Map:
     """Mean over rooms of one quantity's gap in one frame."""
 
-    quantity: str  # "infrared": log ratio; "error": [px]; "holes": share.
+    quantity: str  # "infrared": log ratio of mean levels; "error": [px]; "holes": share.
     frame: Frame
     mean: NDArray[np.float64]  # (rows, columns); NaN where fewer than two rooms reach.
     # Likewise, how far a normal deviate of its chance is off; NaN of too few rooms.
@@ -54,7 +55,7 @@ class OfBody:
     name: str
     material: str
     pixels: int
-    infrared: float  # Logarithm of the real level over the base's; NaN without infrared.
+    infrared: float  # Logarithm of the real mean level over the base's; NaN without infrared.
     holes: float  # Share of real no-depth pixels less the base's.
 
 
@@ -73,14 +74,10 @@ def maps(
         rooms: likewise.
     """
     found = []
-    gaps = [_gaps(*one) for one in zip(base, real, grounds, strict=True)]
     for frame in (CAMERA, PROJECTOR):
-        cells = [_cells(ground, frame) for ground in grounds]
+        gaps = [_by_cell(*one, frame) for one in zip(base, real, grounds, strict=True)]
         for quantity in dict.fromkeys(name for gap in gaps for name in gap):
-            each = [
-                _means(gap[quantity], cell) if quantity in gap else _UNKNOWN
-                for gap, cell in zip(gaps, cells, strict=True)
-            ]
+            each = [gap.get(quantity, _UNKNOWN) for gap in gaps]
             found.append(_over_rooms(quantity, frame, means(np.stack(each), rooms)))
     return found
 
@@ -102,12 +99,11 @@ def bodies(
     found = []
     for (scene, made_of), one, other, ground in zip(scenes, base, real, grounds, strict=True):
         known = {number: body for number, body in enumerate(made_of.bodies, 1)}
-        gap = _gaps(one, other, ground)
+        holes = _differences(one, other, ground)["holes"]
         for body in np.unique(ground.body[ground.counted]):
             where = ground.counted & (ground.body == body)
             if np.count_nonzero(where) < _FEWEST:
                 continue
-            level = gap.get("infrared")
             found.append(
                 OfBody(
                     scene=scene,
@@ -115,19 +111,40 @@ def bodies(
                     name=known[body].name if body in known else "",
                     material=known[body].material.name if body in known else "",
                     pixels=int(np.count_nonzero(where)),
-                    infrared=float("nan") if level is None else float(np.nanmean(level[where])),
-                    holes=float(np.nanmean(gap["holes"][where])),
+                    infrared=_level(one, other, where),
+                    holes=float(np.nanmean(holes[where])),
                 )
             )
     return sorted(found, key=lambda one: -one.pixels)
 
 
-def _gaps(base: Reading, real: Reading, ground: Ground) -> dict[str, NDArray[np.float64]]:
-    """Real less base, a value a pixel; NaN where it is not known."""
+def _by_cell(
+    base: Reading, real: Reading, ground: Ground, frame: Frame
+) -> dict[str, NDArray[np.float64]]:
+    """Gap of each quantity, a value a cell; NaN where it is not known."""
+    cell = _cells(ground, frame)
     found = {}
     if real.left is not None and base.left is not None:
-        ratio = np.log((real.left[0] + 1.0) / (base.left[0] + 1.0))
-        found["infrared"] = _counted(ratio, ground.counted)
+        # Of means: a mean of logarithms would call what has more contrast darker.
+        level, before = (
+            _means(_counted(one[0] + _RAISED_DN, ground.counted), cell)
+            for one in (real.left, base.left)
+        )
+        found["infrared"] = np.log(level / before)
+    differences = _differences(base, real, ground)
+    return found | {name: _means(values, cell) for name, values in differences.items()}
+
+
+def _level(base: Reading, real: Reading, where: Mask) -> float:
+    if real.left is None or base.left is None:
+        return float("nan")
+    level, before = (one[0][where].mean() + _RAISED_DN for one in (real.left, base.left))
+    return float(np.log(level / before))
+
+
+def _differences(base: Reading, real: Reading, ground: Ground) -> dict[str, NDArray[np.float64]]:
+    """Real less base, a value a pixel; NaN where it is not known."""
+    found = {}
     before, after = base.depth_px[0].astype(np.float64), real.depth_px[0]
     error = after - before
     near = np.abs(error) <= FAR_OFF_PX

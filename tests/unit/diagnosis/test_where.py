@@ -169,6 +169,17 @@ def test_a_gap_on_one_object_is_told_of_it():
     assert all(abs(one.holes) < 0.03 for one in found)
 
 
+def test_more_contrast_is_not_darker():
+    """What the scene's model has not, as a chequerboard, leaves its mean level as it was."""
+    board = np.where(np.indices(DISPARITY.shape).sum(0) % 2, 1.7, 0.3)
+    before, after = [pair_of(n, 1.0, 0.02) for n in range(2)], [pair_of(2, board, 0.02)] * 2
+    found = maps_of.maps(before, after, [GROUND] * 2, ROOMS[:2])
+    level = next(one.mean for one in found if one.quantity == "infrared")
+    assert abs(np.nanmedian(level)) < 0.02
+    [*_, of_all] = maps_of.bodies([("a", SCENE)], before[:1], after[:1], [GROUND])
+    assert abs(of_all.infrared) < 0.02
+
+
 def test_maps_do_without_infrared():
     bare = [dataclasses.replace(pair_of(n, 1.0, 0.02), left=None, right=None) for n in range(2)]
     found = maps_of.maps(bare, bare, [GROUND] * 2, ROOMS[:2])
