@@ -6,7 +6,7 @@ place in the projector's field; what a material does stays on the object.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -74,8 +74,12 @@ def maps(
         rooms: likewise.
     """
     found = []
+    scenes = list(zip(base, real, grounds, strict=True))
+    differences = [_differences(*one) for one in scenes]
     for frame in (CAMERA, PROJECTOR):
-        gaps = [_by_cell(*one, frame) for one in zip(base, real, grounds, strict=True)]
+        gaps = [
+            _by_cell(*one, apart, frame) for one, apart in zip(scenes, differences, strict=True)
+        ]
         for quantity in dict.fromkeys(name for gap in gaps for name in gap):
             each = [gap.get(quantity, _UNKNOWN) for gap in gaps]
             found.append(_over_rooms(quantity, frame, means(np.stack(each), rooms)))
@@ -119,27 +123,33 @@ def bodies(
 
 
 def _by_cell(
-    base: Reading, real: Reading, ground: Ground, frame: Frame
+    base: Reading,
+    real: Reading,
+    ground: Ground,
+    differences: Mapping[str, NDArray[np.float64]],
+    frame: Frame,
 ) -> dict[str, NDArray[np.float64]]:
     """Gap of each quantity, a value a cell; NaN where it is not known."""
     cell = _cells(ground, frame)
     found = {}
     if real.left is not None and base.left is not None:
-        # Of means: a mean of logarithms would call what has more contrast darker.
         level, before = (
-            _means(_counted(one[0] + _RAISED_DN, ground.counted), cell)
-            for one in (real.left, base.left)
+            _means(_counted(one[0], ground.counted), cell) for one in (real.left, base.left)
         )
-        found["infrared"] = np.log(level / before)
-    differences = _differences(base, real, ground)
+        found["infrared"] = _log_ratio(level, before)
     return found | {name: _means(values, cell) for name, values in differences.items()}
 
 
 def _level(base: Reading, real: Reading, where: Mask) -> float:
     if real.left is None or base.left is None:
         return float("nan")
-    level, before = (one[0][where].mean() + _RAISED_DN for one in (real.left, base.left))
-    return float(np.log(level / before))
+    level, before = (one[0][where].mean() for one in (real.left, base.left))
+    return float(_log_ratio(level, before))
+
+
+def _log_ratio(level: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of means: a mean of logarithms would call what has more contrast darker."""
+    return np.log((level + _RAISED_DN) / (before + _RAISED_DN))
 
 
 def _differences(base: Reading, real: Reading, ground: Ground) -> dict[str, NDArray[np.float64]]:
