@@ -17,8 +17,6 @@ import dataclasses
 import json
 import shutil
 import subprocess
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +27,6 @@ from diagnosis.withheld.case import Case
 from diagnosis.withheld.errors import refusal
 from diagnosis.withheld.tier import TIERS, Tier
 from sim import sensors
-from sim.threads import single_threaded
 
 ROOT = Path(__file__).parents[1]
 FIRST = (9300, 9310)  # Scenes of each set, that no case was ever drawn on.
@@ -37,7 +34,7 @@ NULL = Case(number=0, kind="null", settings={}, seed=1)
 
 
 def main() -> None:
-    """Ask both sets, each in a process, and write what holds in both."""
+    """Ask both sets, and write what holds in both."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--out", type=Path, default=limits.FILE)
@@ -60,8 +57,7 @@ def of_both(work: Path, effects: list[str]) -> dict[str, Any]:
         WithheldError: if the code became another meanwhile.
     """
     code, commit = seal.code(), committed()
-    with ProcessPoolExecutor(len(FIRST)) as pool:
-        each = list(pool.map(partial(of_set, work, effects, code), FIRST))
+    each = [of_set(work, effects, code, first) for first in FIRST]
     if seal.code() != code:
         advice = "Run it again: what was simulated is kept."
         raise refusal("code", "must stay what it was at the start", "another", advice)
@@ -94,7 +90,6 @@ def of_set(work: Path, effects: list[str], code: str, first: int) -> dict[str, A
         code: fingerprint of what makes light and captures, which others cannot use.
         first: of the scenes.
     """
-    single_threaded()
     tier = of_tier(first)
     made = work / str(first) / code[:16]
     light, captures = made / "light", made / "captures"

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from diagnosis import named, program
+from diagnosis.crew import Crew
 from diagnosis.scene_pairs import scene_pairs
 from diagnosis.subject import subject
 from diagnosis.which import noticed, null
@@ -56,6 +57,8 @@ def limits(
 ) -> dict[str, Limits]:
     """Find the least values that are found, below and above the base, by effect; choices as a list.
 
+    Simulates in processes of its own: call it below `if __name__ == "__main__"` in a script.
+
     Args:
         captures: capture set; what it holds counts for effects of matcher and filters alone.
         sensor: the base.
@@ -73,15 +76,20 @@ def limits(
     subjects = [subject(scene, sensor, against=other) for scene, other in pairs]
     asked, _ = named.parted(subjects)
     found: dict[str, Limits] = {}
-    for arm in named.open_arms(subjects, asked):
-        # What captured pairs are matched to depends on captures: no other run asks for it.
-        place = None if arm is Arm.DEPTH else cache
-        table, screen = named.screened(arm, asked, always=True, cache=place, tell=tell)
-        asked_about = [
-            one for one in screen.rough if not names or one.candidate.effect.name in names
-        ]
-        for one in tell(asked_about, f"limits in the {arm.value}"):
-            found[one.name] = _limits(one, table, screen)
+    scenes, other = [one.name for one in asked], captures if against_itself else None
+    fitted = {one.name: one.nuisances for one in asked}
+    with Crew(captures, sensor, scenes, against=other, fitted=fitted) as crew:
+        for arm in named.open_arms(subjects, asked):
+            # What captured pairs are matched to depends on captures: no other run asks for it.
+            place = None if arm is Arm.DEPTH else cache
+            table, screen = named.screened(
+                arm, asked, always=True, cache=place, crew=crew, tell=tell
+            )
+            asked_about = [
+                one for one in screen.rough if not names or one.candidate.effect.name in names
+            ]
+            for one in tell(asked_about, f"limits in the {arm.value}"):
+                found[one.name] = _limits(one, table, screen)
     return found
 
 

@@ -18,7 +18,7 @@ def reading(captures):
     return open_set(path).scenes[0], sensor, shot
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_room_is_seen_where_it_is(reading):
     """The simulated truth is the reference depth, but for its own smoothing."""
     scene, sensor, shot = reading
@@ -30,7 +30,7 @@ def test_the_room_is_seen_where_it_is(reading):
     assert np.isfinite(shot.layers.truth.depth_m).mean() > 0.995
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_simulated_infrared_looks_like_the_real_one(reading):
     """Low-passed over the dots, the two images agree pixel by pixel."""
     import cv2
@@ -41,7 +41,7 @@ def test_the_simulated_infrared_looks_like_the_real_one(reading):
     assert np.corrcoef(real.ravel(), sim.ravel())[0, 1] > 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_holes_are_where_the_device_has_them(reading):
     """Far better than chance: random holes of both rates would overlap by under a hundredth."""
     scene, _, shot = reading

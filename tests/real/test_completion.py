@@ -7,7 +7,7 @@ import pytest
 ROOMS = ("g", "4426", "5074", "k", "6422")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_shipped_weights_fill_real_holes_better_than_plain_fills(captures, tmp_path):
     """By a fifth at least in holes, and no worse where the device has depth."""
     pytest.importorskip("torch", reason="the extra learning is not installed")

@@ -99,6 +99,7 @@ def test_an_effect_is_named_measured_and_mended(place, diagnosed):
     assert shown.parent == place / "bent-report" and "gamma" in shown.read_text("utf-8")
 
 
+@pytest.mark.long
 def test_a_family_that_is_left_out_is_not_named(place, diagnosed):
     told = diagnosed(place / "bent", "--leave-out", "tone_curve")
     assert told["verdict"] == "none of the known"
@@ -107,6 +108,7 @@ def test_a_family_that_is_left_out_is_not_named(place, diagnosed):
     assert "None of the known effects" in told["says"][1]
 
 
+@pytest.mark.long
 def test_families_that_are_asked_for_are_tried_alone(place, diagnosed):
     told = diagnosed(place / "bent", "--families", "veil", "vignetting")
     tried = {one["name"] for one in told["which"]["image"]["alone"]}
@@ -161,12 +163,14 @@ def test_a_capture_set_is_diagnosed_against_another(place, diagnosed):
     assert "imulated, base" not in page and "in the other captures" in told["says"][0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["other", "null"])
 def test_against_another_capture_of_one_camera_there_is_no_gap(place, diagnosed, name):
     told = diagnosed(place / "null", "--against", str(place / name))
     assert told["verdict"] == "no gap" and told["effects"] == []
 
 
+@pytest.mark.long
 def test_two_devices_matchers_are_compared(place, diagnosed, tmp_path):
     """Their images differ by noise alone; one matcher pulls to whole pixels, the other does not."""
     for name, locking_px in (("null", LOCKING_PX), ("other", 0.0)):
@@ -180,6 +184,7 @@ def test_two_devices_matchers_are_compared(place, diagnosed, tmp_path):
     assert told["where"]["parts"]["ndp_rate"]["base_device"] is not None
 
 
+@pytest.mark.long
 def test_scenes_of_one_set_alone_are_left_aside(place, diagnosed, tmp_path):
     fewer = tmp_path / "fewer"
     shutil.copytree(place / "other", fewer)
@@ -232,6 +237,7 @@ def matched_all(scene: capture.CapturedScene) -> reading.Maps:
     return reading.matched(left, right, sensor())
 
 
+@pytest.mark.long
 def test_without_infrared_depth_alone_is_asked(place, diagnosed, tmp_path):
     bare = tmp_path / "bare"
     shutil.copytree(place / "null", bare)
@@ -331,6 +337,7 @@ def test_captures_that_cannot_be_asked_are_refused(place, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_reflectance_that_is_estimated_is_said_to_take_up_light(place, diagnosed, tmp_path):
     """What another estimate would change no effect is named for: half the light is no gap."""
     guessed = tmp_path / "guessed"
@@ -363,6 +370,7 @@ def test_reflectance_that_is_estimated_is_said_to_take_up_light(place, diagnosed
     assert len(others) == 3 and (np.unique(unseen.bodies[0].texture) == 0.5).all()
 
 
+@pytest.mark.long
 def test_another_device_s_captures_are_said_to_be_so(place, diagnosed, tmp_path):
     other = shutil.copytree(place / "null" / "clutter-1", tmp_path / "other" / "clutter-1").parent
     info = (place / "null" / "capture.toml").read_text()

@@ -55,6 +55,7 @@ def test_the_scale_is_found_that_captures_were_made_with(warm):
     assert fitted(warm, other) == pytest.approx(WARM, abs=1.5e-4)
 
 
+@pytest.mark.long
 def test_where_the_first_frame_has_depth_alone_another_tells(warm, tmp_path):
     whole = shutil.copytree(warm.path.parent, tmp_path / "set")
     frame = whole / warm.name / "0"
@@ -82,6 +83,7 @@ def test_without_dots_ambient_light_is_not_fitted(warm, tmp_path):
     assert nuisances.of_light(blind, estimated.scene(blind, SENSOR)[0], SENSOR) == {}
 
 
+@pytest.mark.long
 def test_dots_of_another_pattern_or_none_tell_no_scale(warm, tmp_path):
     scene = estimated.surface(warm)
     for path, value in (("projector.pattern_seed", 3), ("projector.power_w", 0.0)):
@@ -164,6 +166,7 @@ def test_effects_depart_from_what_a_scene_has_of_its_own():
     assert nuisances.on_sensor(SENSOR, {AMBIENT: FITTED[AMBIENT]}) is SENSOR
 
 
+@pytest.mark.long
 def test_what_was_fitted_is_tried_against_another_capture_alone(warm):
     """Of the very images that it was fitted to it is no question."""
     tried = {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import subprocess
 import sys
 import time
@@ -56,7 +57,10 @@ def _shot(shape: tuple[int, int]) -> Any:
 
 @pytest.fixture
 def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Put simple stand-ins where rendering and matching would take seconds."""
+    """Put simple stand-ins where rendering and matching would take seconds.
+
+    What still takes long on a busy machine does not say how far it is.
+    """
     from sim import colour, randomness, scenes, simulate
 
     def simulated(scene: Any, sensor: Any, *, seed: int, frame: int = 0, **_: Any) -> Any:
@@ -81,6 +85,7 @@ def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     mitsuba = types.SimpleNamespace(variant=lambda: "scalar_rgb")
     monkeypatch.setattr(backend, "mitsuba", lambda: mitsuba)
     monkeypatch.setattr(measurement, "measure", measured)
+    monkeypatch.setattr(progress, "_QUIET_S", math.inf)
 
 
 @pytest.mark.parametrize("verb", VERBS)

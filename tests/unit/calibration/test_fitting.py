@@ -119,7 +119,7 @@ def test_light_that_was_told_with_haze_does_not_tell_haze(tmp_path: Path) -> Non
     assert found["scene.ambient.irradiance_w_m2[table]"] == pytest.approx(1.0, rel=0.2)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_warp_is_fitted_last(captures: Path, small: Sensor, tmp_path: Path) -> None:
     """The captures have none; that another one is found, `test_warp_fit.py` tests."""
     scenes = capture.open_set(captures).scenes

@@ -17,7 +17,7 @@ from sim.capture_writer import info_of
 from sim.sensor import Sensor
 from sim.simulate import simulate
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 BAREST_ROOM = 0.3  # Share of windows that show dots: the least of 15 captured D415 rooms.
 
 

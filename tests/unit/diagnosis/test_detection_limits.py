@@ -6,7 +6,6 @@ import importlib.util
 import json
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +18,11 @@ FOUND = {"veil": {"base": 0.0, "below": None, "above": 0.1}}
 
 
 @pytest.fixture
-def benchmark(monkeypatch: pytest.MonkeyPatch) -> Any:
+def benchmark() -> Any:
     spec = importlib.util.spec_from_file_location("detection_limits", PATH)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    monkeypatch.setattr(module, "ProcessPoolExecutor", ThreadPoolExecutor)
     return module
 
 

@@ -89,6 +89,7 @@ def test_a_frame_changed_in_the_middle_is_another_training(
         train_diffusion(frames, "camera", steps=1, folder=folder, **how)
 
 
+@pytest.mark.long
 def test_from_the_command_line_on_two_data_sets(
     published: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
