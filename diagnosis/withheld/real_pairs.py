@@ -30,8 +30,8 @@ from diagnosis.withheld.readout import Codes
 from sim import capture
 from sim.capture import CapturedScene
 
-# Where the lot of scenes starts, before the set's number; 0x5EA1_0F_4EA1 to 4EA4 were opened.
-_LOT = 0x5EA1_0F_4EA5
+# Where the lot of scenes starts, before the set's number; 0x5EA1_0F_4EA1 to 4EA5 were opened.
+_LOT = 0x5EA1_0F_4EA6
 _WITHOUT = 0  # Seed of the pairs without effects: a scene's are the same in all sets.
 
 
