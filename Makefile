@@ -17,13 +17,13 @@ pictures: demo  ## Make the pictures of the documentation anew.
 	$(bin)/starling sweep --sensor d435 --out out/sweep --force
 	cp out/sweep/sweep.png docs/pictures/sweep.png
 
-test: setup-test  ## Run every test but the minutes-long ones; set up with torch.
+test: setup-test  ## Run every test but the long ones; set up with torch.
 	$(pytest) -n 2 --dist worksteal
 
 test-fast: setup-test  ## Run the tests that take seconds.
 	$(pytest) -m "not slow and not long"
 
-test-long: setup-test  ## Run the tests that take minutes each.
+test-long: setup-test  ## Run the long tests, of up to minutes each.
 	$(pytest) -m long
 
 lint: setup-test  ## Check style and format (ruff).

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Any
 
 from diagnosis.nuisances import Nuisances
+from diagnosis.subject import Subject, subject
 from sim.sensor import Sensor
 from sim.threads import begin_worker, cores
 
@@ -28,31 +29,31 @@ class Crew:
         self,
         captures: Path,
         sensor: Sensor,
-        scenes: Sequence[str],
+        asked: Sequence[Subject],
         *,
-        aside: Sequence[str] = (),
+        aside: Sequence[Subject] = (),
         against: Path | None = None,
-        fitted: Mapping[str, Nuisances] | None = None,
     ) -> None:
-        """Start them; each loads its scenes.
+        """Start them; each loads its scenes, with what was fitted to them.
 
         Args:
             captures: capture set.
             sensor: the base.
-            scenes: names of those that all is asked of, which is nearly all of the work.
-            aside: names of others.
+            asked: those of its scenes that all is asked of, which is nearly all of the work.
+            aside: others.
             against: capture set that these are compared with.
-            fitted: by scene what was fitted to it, if it was.
         """
         context = multiprocessing.get_context("spawn")
-        self._held = dealt(scenes, aside, min(cores(), _MOST))
+        names, others = ([one.name for one in those] for those in (asked, aside))
+        fitted = {one.name: one.nuisances for one in (*asked, *aside)}
+        self._held = dealt(names, others, min(cores(), _MOST))
         self._given = [0] * len(self._held)  # How much work each was given so far.
         self._pools = [
             ProcessPoolExecutor(
                 1,
                 mp_context=context,
                 initializer=_begin,
-                initargs=(captures, sensor, own, against, fitted or {}),
+                initargs=(captures, sensor, own, against, fitted),
             )
             for own in self._held
         ]
@@ -110,14 +111,13 @@ def _begin(
     fitted: Mapping[str, Nuisances],
 ) -> None:
     from diagnosis.scene_pairs import scene_pairs
-    from diagnosis.subject import subject
     from sim import capture
 
     begin_worker()
     other = None if against is None else capture.open_set(against)
     for one, beside in scene_pairs(capture.open_set(captures), other).pairs:
         if one.name in scenes:
-            _held[one.name] = subject(one, sensor, against=beside, fitted=fitted.get(one.name))
+            _held[one.name] = subject(one, sensor, against=beside, fitted=fitted[one.name])
 
 
 def _do(scene: str, work: Any, arguments: tuple[Any, ...]) -> Any:

@@ -76,9 +76,7 @@ def limits(
     subjects = [subject(scene, sensor, against=other) for scene, other in pairs]
     asked, _ = named.parted(subjects)
     found: dict[str, Limits] = {}
-    scenes, other = [one.name for one in asked], captures if against_itself else None
-    fitted = {one.name: one.nuisances for one in asked}
-    with Crew(captures, sensor, scenes, against=other, fitted=fitted) as crew:
+    with Crew(captures, sensor, asked, against=captures if against_itself else None) as crew:
         for arm in named.open_arms(subjects, asked):
             # What captured pairs are matched to depends on captures: no other run asks for it.
             place = None if arm is Arm.DEPTH else cache

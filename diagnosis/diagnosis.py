@@ -103,9 +103,7 @@ def diagnose(
         raise refuse("families", rule, " ".join(families or ()), "Name others, or none.")
     told = where.where(subjects)
     other = None if against is None else against.path
-    names, aside = ([one.name for one in those] for those in (asked, locked))
-    fitted = {one.name: one.nuisances for one in subjects}
-    with Crew(captures.path, sensor, names, aside=aside, against=other, fitted=fitted) as crew:
+    with Crew(captures.path, sensor, asked, aside=locked, against=other) as crew:
         screens = [
             screened(arm, asked, families=families, cache=cache, crew=crew, tell=tell)
             for arm in arms
