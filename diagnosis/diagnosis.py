@@ -108,7 +108,7 @@ def diagnose(
             screened(arm, asked, families=families, cache=cache, crew=crew, tell=tell)
             for arm in arms
         ]
-        found = named(screens, locked)
+        found = named(screens, locked, tell=tell)
         proposed = _told(found.arms, asked, crew, tell)
     seen = [
         one for _, screen in (screens if found.kind == "no gap" else ()) for one in noticed(screen)

@@ -112,14 +112,20 @@ def tried(
     ]
 
 
-def named(screens: Sequence[tuple[Bench, Screen]], locked: Sequence[Subject]) -> Named:
+def named(
+    screens: Sequence[tuple[Bench, Screen]],
+    locked: Sequence[Subject],
+    *,
+    tell: progress.Progress = progress.silent,
+) -> Named:
     """Name effects, and judge them on locked scenes.
 
     Args:
         screens: of each arm.
         locked: subjects that had no say.
+        tell: wraps loops that take long.
     """
-    found = tuple(arms.diagnosed(table, screen) for table, screen in screens)
+    found = tuple(arms.diagnosed(table, screen) for table, screen in tell(screens, "search"))
     settings = {name: value for arm in found for name, value in arm.settings.items()}
     together = not settings or _settable(found[0].bench.subjects[0], settings)
     asked = locked and settings and together
@@ -128,7 +134,7 @@ def named(screens: Sequence[tuple[Bench, Screen]], locked: Sequence[Subject]) ->
         arms=found,
         settings=settings,
         together=together,
-        howfar=judged(locked, settings, found) if asked else None,
+        howfar=judged(locked, settings, found, tell=tell) if asked else None,
     )
 
 

@@ -98,7 +98,8 @@ def withheld(
         power: ask instead how strong six effects have to be; cases: of each of six levels.
         sets: of scenes, each with its share of the cases, that are asked and scored: the first
             so many, and more by a later call; else all.
-        jobs: sets of scenes at once, a core each.
+        jobs: sets of scenes at once, a core each; tier 4 first finds its detection limits on all
+            cores.
         blender: Python with bpy (see tools/blender.sh), for tier 2.
         captures: capture set of a real camera, of eight scenes or more, for tier 4.
         sensor: preset or sensor file of that camera, for tier 4.

@@ -16,6 +16,7 @@ from diagnosis.which.arm import Found
 from diagnosis.which.bench import Bench
 from diagnosis.which.likelihood import Likelihood
 from diagnosis.which.made import Made
+from sim import progress
 from sim.effects.effect import Value
 
 Settings = Mapping[str, Value]
@@ -34,7 +35,13 @@ class Judged:
     shares: dict[str, float]
 
 
-def judged(locked: Sequence[Subject], settings: Settings, arms: Sequence[Found]) -> Judged:
+def judged(
+    locked: Sequence[Subject],
+    settings: Settings,
+    arms: Sequence[Found],
+    *,
+    tell: progress.Progress = progress.silent,
+) -> Judged:
     """Measure the gap of locked scenes before and after, and what noise alone makes.
 
     Distances are of simulated readings from real ones; two captures that are compared have none.
@@ -45,8 +52,9 @@ def judged(locked: Sequence[Subject], settings: Settings, arms: Sequence[Found])
         locked: scenes that told nothing of which.
         settings: value by accepted effect.
         arms: whose features are looked at.
+        tell: wraps loops that take long.
     """
-    each = [_figures(one, settings) for one in locked]
+    each = [_figures(one, settings) for one in tell(locked, "locked scenes")]
     before, after, floor = ([figures[part] for figures in each] for part in range(3))
     shares: dict[str, float] = {}
     for arm in arms:
