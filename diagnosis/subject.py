@@ -56,6 +56,9 @@ _STILL = (  # What an image has beside its scene, at its neutral.
 )
 
 
+_Rendered = tuple[int | None, tuple[tuple[str, Value], ...]]  # Faulty dots, and effects.
+
+
 @dataclass(slots=True, eq=False)
 class Subject:
     """One scene; its base is rendered once."""
@@ -73,8 +76,8 @@ class Subject:
     _stage: Stage = field(repr=False)
     _layers: Layers = field(repr=False)
     _memory: Memory = field(repr=False)  # Of the captured pairs' searches.
-    # Rendered last with effects set, by those effects: draws of noise share what is rendered.
-    _last: dict[tuple[tuple[str, Value], ...], Layers] = field(default_factory=dict, repr=False)
+    # Rendered last with effects set: draws of noise share it, and so do other devices of the kind.
+    _last: dict[_Rendered, Layers] = field(default_factory=dict, repr=False)
     # Captured pairs and simulated ones without effects, by seed, for effects to be laid on.
     _known: dict[int, tuple[list[Known], list[Known]]] = field(default_factory=dict, repr=False)
 
@@ -135,11 +138,10 @@ class Subject:
             unit=self.sensor.unit + number,
             projector=dataclasses.replace(projector, faults_seed=projector.faults_seed + number),
         )
-        faulty = projector.dropped_dots or projector.shifted_dots_mrad
         layers = self._layers
-        if faulty:
+        if projector.faulty:
             layers = _traced(self._stage, sensor)
-        return dataclasses.replace(self, sensor=sensor, _layers=layers, _last={}, _known={})
+        return dataclasses.replace(self, sensor=sensor, _layers=layers, _known={})
 
     def expose_again(self, *, seed: int) -> Reading:
         """What the captures are compared with, with the noise of one more exposure.
@@ -190,11 +192,12 @@ class Subject:
 
     def _rendered(self, scene: Scene, sensor: Sensor, settings: Mapping[str, Value]) -> Layers:
         """What is rendered, noise apart: that of the base where no effect changes it."""
-        key = tuple(sorted(settings.items()))
+        shown = tuple(sorted(settings.items()))
         if scene.motion.still:  # Else all that exposure follows from has a part in it.
-            key = tuple(one for one in key if named(one[0].partition(".")[0]).rerender)
-        if not key:
+            shown = tuple(one for one in shown if named(one[0].partition(".")[0]).rerender)
+        if not shown:
             return self._layers
+        key = sensor.projector.faults_seed if sensor.projector.faulty else None, shown
         if key not in self._last:
             self._last.clear()
             self._last[key] = _traced(self._stage.of(scene), sensor)

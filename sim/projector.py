@@ -209,7 +209,7 @@ _Source = tuple[str, float, float, int, float, float, float, int, int]
 
 def _faulty(projector: Projector, number: int) -> _Source:
     """What tells one pattern with its dark and displaced dots from another."""
-    faulty = projector.dropped_dots or projector.shifted_dots_mrad
+    faulty = projector.faulty
     return (
         emitters(projector)[number].pattern,
         projector.fov_x_deg,

@@ -40,6 +40,11 @@ class Projector:
     speckle_contrast: float = 0.0  # Deviation over mean of the laser's speckle in a pixel.
     flicker: float = 0.0  # Deviation of the power from frame to frame, of its mean.
 
+    @property
+    def faulty(self) -> bool:
+        """Whether dots of its pattern are dark or displaced."""
+        return self.dropped_dots > 0 or self.shifted_dots_mrad > 0
+
     def __post_init__(self) -> None:
         errors.in_interval("projector.power_w", self.power_w, 0.0, 10.0, "Give watts.")
         errors.in_interval(

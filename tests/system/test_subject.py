@@ -125,6 +125,18 @@ def test_bits_that_only_the_device_reads_are_an_effect_of_its_depth():
         assert ("dropped_bits" in names) is tried
 
 
+def test_devices_share_what_is_rendered_but_for_their_faulty_dots():
+    of = subject(sensor())
+    columns = bench.bench([of], Arm.IMAGE).columns
+    for name, shared in (("dot_blur", True), ("dropped_dots", False)):
+        settings: dict[str, Any] = {name: 0.3, "hot_pixels": 0.01}
+        alone = rows.another_row(subject(sensor()), columns, settings, 1)
+        assert rows.simulated_row(of, columns, settings, 0) is not None
+        (layers,) = of._last.values()
+        np.testing.assert_array_equal(rows.another_row(of, columns, settings, 1), alone)
+        assert (next(iter(of._last.values())) is layers) is shared
+
+
 def test_floor_is_another_device_s():
     """Dots that are dropped elsewhere are no closer to the real ones than those of the fit."""
     of = subject(sensor())
