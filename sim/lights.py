@@ -130,5 +130,6 @@ def _ambient(stage: Stage, si: Any) -> Any:
 
 def _tilt(ambient: Ambient, direction: Any, gradient: float) -> Any:
     """How much more light than the mean comes from, or falls on what faces, a direction."""
-    mi, dr = backend.mitsuba(), backend.drjit()
-    return dr.dot(direction, mi.Vector3f(*ambient.up)) * gradient
+    # Opaque: another gradient, or another up, recompiles nothing.
+    along = backend.drjit().dot(direction, opaque("Vector3f", ambient.up))
+    return along * opaque("Float", (gradient,))

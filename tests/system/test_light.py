@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim import frames, materials, projector, render, sensors, stage
+from sim import backend, frames, materials, projector, render, sensors, stage
 from sim.scene import Ambient, Material, Scene
 from sim.scenes import solids
 
@@ -114,3 +114,15 @@ def test_no_material_returns_more_than_it_gets(even, material):
     light = Ambient(gradient=0.0)
     made = stage.Stage(Scene(name="wall", bodies=(sheet,), ambient=light))
     assert render.layers(made, even).left.ambient.max() <= (1 + 1e-5) / np.pi
+
+
+def test_other_ambient_light_compiles_nothing_anew(even):
+    """A diagnosis asks for light of many gradients; a kernel takes as long as the rendering."""
+    dr, lit = backend.drjit(), wall(1.0)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        for up, gradient in (((0.0, -1.0, 0.0), 0.31), ((0.0, -0.6, -0.8), 0.72)):
+            dr.kernel_history_clear()
+            light = Ambient(gradient=gradient, up=up)
+            render.layers(lit.of(dataclasses.replace(lit.scene, ambient=light)), even)
+            ran = [one for one in dr.kernel_history() if one["type"] == dr.KernelType.JIT]
+    assert ran and all(one["cache_hit"] and not one["cache_disk"] for one in ran)
