@@ -132,4 +132,4 @@ def _tilt(ambient: Ambient, direction: Any, gradient: float) -> Any:
     """How much more light than the mean comes from, or falls on what faces, a direction."""
     # Opaque: another gradient, or another up, recompiles nothing.
     along = backend.drjit().dot(direction, opaque("Vector3f", ambient.up))
-    return along * opaque("Float", (gradient,))
+    return along * opaque("Float", [gradient])

@@ -209,7 +209,6 @@ _Source = tuple[str, float, float, int, float, float, float, int, int]
 
 def _faulty(projector: Projector, number: int) -> _Source:
     """What tells one pattern with its dark and displaced dots from another."""
-    faulty = projector.faulty
     return (
         emitters(projector)[number].pattern,
         projector.fov_x_deg,
@@ -218,8 +217,8 @@ def _faulty(projector: Projector, number: int) -> _Source:
         projector.dot_density,
         projector.dropped_dots,
         projector.shifted_dots_mrad,
-        projector.faults_seed if faulty else 0,  # Intact, equal patterns are one.
-        number if faulty else 0,
+        projector.faults_seed if projector.faulty else 0,  # Intact, equal patterns are one.
+        number if projector.faulty else 0,
     )
 
 
