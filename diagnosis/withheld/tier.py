@@ -74,8 +74,8 @@ TIERS = {
         number=1,
         source="starling",
         matcher="starling",
-        # 2000 to 2059, 6000 to 6059, 7000 to 7059, 7200 to 7219 and 7300 to 7319 were opened,
-        # 7220 to 7259 and 7320 to 7359 drawn; on 7100 to 7129 strengths were asked, rules tried.
+        # 2000 to 2059, 6000 to 6059, 7000 to 7059, 7200 to 7219 and 7300 to 7359 were opened,
+        # 7220 to 7259 drawn; on 7100 to 7129 strengths were asked, rules tried.
         first=7400,
         counts={"single": 96, "null": 80, "pair": 48, "unknown": 36},
         left_out=64,
