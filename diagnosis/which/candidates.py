@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -17,6 +18,7 @@ from sim.sensor import Sensor
 _NODES = 4  # Strengths of an effect, to each side where it has two.
 _LEAST = 1 / 30  # The weakest over the strongest, of effects of both signs.
 _WIDE = 4.0  # Ranges above this ratio are stepped by factors.
+_NO_NEWS = 0.01  # Share by which what captures tell differs from the base at least.
 # Without a partner they do nothing, or repeats alone show them, or they change the image's size.
 LEFT_OUT = frozenset({"rolling_shutter", "temporal_filter", "decimation", "registration"})
 # Images are put out without them in any case: only depth of the device's own shows them.
@@ -42,6 +44,7 @@ class Candidate:
     base: Value  # Where the sensor at hand has it.
     nodes: tuple[Value, ...]  # Other values, numbers ascending.
     whole: bool = False  # Whether it takes whole numbers alone.
+    told: Value | None = None  # The value that captures tell by themselves, which is a node then.
 
     @property
     def numeric(self) -> bool:
@@ -87,6 +90,19 @@ def candidates(sensor: Sensor, scene: Scene, arm: Arm) -> list[Candidate]:
                     )
                 )
     return found
+
+
+def with_told(candidate: Candidate, value: float) -> Candidate:
+    """The same with a node at what captures tell by themselves; as it is where that is its base.
+
+    Args:
+        candidate: one that takes numbers.
+        value: of its parameter.
+    """
+    if abs(value - float(candidate.base)) < _NO_NEWS * value:
+        return candidate
+    found = sorted({*map(float, candidate.nodes), value})
+    return dataclasses.replace(candidate, nodes=tuple(found), told=value)
 
 
 def nodes(parameter: Parameter, base: Value, *, whole: bool = False) -> tuple[Value, ...]:

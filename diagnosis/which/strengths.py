@@ -35,17 +35,19 @@ def coarse(candidate: Candidate) -> list[Value]:
     matcher that read captured images: a limit of depth tells nothing of those beyond it. Where each
     has to be rendered, or pairs searched anew, which takes most of the time, it is one in the
     middle, of whole numbers too, but for ranges so wide that the middle tells nothing of their
-    beginning.
+    beginning. What captures tell by themselves is tried in any case.
     """
     slow = bool(candidate.effect.rerender) or _searches(candidate)
     if not candidate.numeric or (candidate.whole and not slow):
         return list(candidate.nodes)
     base = float(candidate.base)
-    below = [node for node in candidate.nodes if float(node) < base][::-1]
-    above = [node for node in candidate.nodes if float(node) > base]
+    told = [] if candidate.told is None else [candidate.told]
+    others = [node for node in candidate.nodes if node not in told]
+    below = [node for node in others if float(node) < base][::-1]
+    above = [node for node in others if float(node) > base]
     end = candidate.arm is Arm.DEPTH
     found = [side[at] for side in (below, above) for at in _tried(side, base, slow=slow, end=end)]
-    return sorted(found, key=float)
+    return sorted([*found, *told], key=float)
 
 
 def _searches(candidate: Candidate) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.which.candidates import LEFT_OUT, Arm, candidates, nodes
+from diagnosis.which.candidates import LEFT_OUT, Arm, candidates, nodes, with_told
 from diagnosis.which.signature import Signature
 from sim import effects, sensors
 from sim.effects import setting
@@ -41,6 +41,13 @@ def test_every_parameter_is_a_candidate_of_its_own():
     parameters = sum(len(row.parameters) for row in effects.table())
     left_out = sum(len(effects.named(name).parameters) for name in LEFT_OUT)
     assert len(names) == parameters - left_out
+
+
+def test_what_captures_tell_is_a_node_unless_it_is_the_base():
+    (one,) = (each for each in ALL if each.name == "subpixel_steps")
+    told = with_told(one, 0.0625)
+    assert told.told == 0.0625 and told.nodes == tuple(sorted((0.0625, *one.nodes)))
+    assert one.base == 1 / 32 and with_told(one, 0.0313) is one
 
 
 @pytest.mark.parametrize("one", ALL, ids=lambda one: one.name)

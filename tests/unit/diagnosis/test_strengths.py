@@ -11,7 +11,7 @@ import pytest
 
 from diagnosis.which import strengths
 from diagnosis.which.bench import Bench
-from diagnosis.which.candidates import Arm, Candidate
+from diagnosis.which.candidates import Arm, Candidate, with_told
 from diagnosis.which.fit import fit
 from diagnosis.which.likelihood import total
 from diagnosis.which.made import Made, stacked
@@ -142,6 +142,7 @@ def test_first_tries_are_weak_and_strong_ones_to_each_side():
     )
     assert strengths.coarse(limits) == [0.3, 0.6, 1.0]  # Of filters the end is tried as well.
     assert strengths.coarse(dataclasses.replace(limits, arm=Arm.WHOLE)) == [0.3, 0.6]
+    assert strengths.coarse(with_told(limits, 0.11)) == [0.11, 0.3, 0.6, 1.0]
 
 
 @pytest.mark.parametrize(
