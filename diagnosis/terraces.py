@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 _BIN_PX = 1 / 1024  # Of the histogram; far below the least step.
 _LEAST_PX, _MOST_PX = 1 / 48, 0.5  # Steps that are looked for.
+_NEAR_PX = 256.0  # Disparity of what is so near that whole units of depth hide all steps.
 _PERIODS = 16  # Frequencies in the width of a peak, for a step to be told to a thousandth.
 _SHARE = 0.25  # Of one, that a peak has at least; depth in whole millimetres takes from it.
 _ALIKE = 0.9  # Of the highest peak: half of a step makes one as high, and is none.
@@ -21,12 +22,12 @@ def step_px(maps: Sequence[NDArray[np.floating]]) -> float | None:
 
     Args:
         maps: disparity of one scene each [px], none below 0; NaN where there is none. All count
-            alike.
+            alike, and what is beyond 256 px does not.
 
     Returns:
         Step [px], between 1/48 and 1/2; None where there is none.
     """
-    known = [values for one in maps if (values := one[np.isfinite(one)]).size]
+    known = [values for one in maps if (values := one[one < _NEAR_PX]).size]
     if not known:
         return None
     bins = int(max(one.max() for one in known) / _BIN_PX) + 2

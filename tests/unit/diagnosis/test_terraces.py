@@ -48,6 +48,14 @@ def test_without_terraces_or_depth_there_is_no_step():
     assert terraces.step_px([np.full((4, 4), np.nan)]) is None
 
 
+def test_what_is_right_before_the_camera_has_no_say():
+    """A pixel of one millimetre stands at a disparity of 25,000 px."""
+    found = maps(0.25)
+    found[0][0, 0] = _FB / 0.001
+    assert terraces.step_px(found) == pytest.approx(0.25, rel=1e-3)
+    assert terraces.step_px([np.full((4, 4), _FB / 0.001)]) is None
+
+
 def test_a_scene_without_depth_takes_nothing_from_the_others():
     empty = np.full((120, 160), np.nan)
     assert terraces.step_px([*maps(0.25), empty]) == terraces.step_px(maps(0.25))
