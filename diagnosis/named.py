@@ -9,14 +9,14 @@ from typing import Literal
 
 import numpy as np
 
-from diagnosis import nuisances, rooms, terraces
+from diagnosis import nuisances, rooms
 from diagnosis.crew import Crew
 from diagnosis.howfar.judged import Judged, judged
 from diagnosis.subject import Subject
 from diagnosis.which import arm as arms
 from diagnosis.which.arm import Found, Screen
 from diagnosis.which.bench import Bench, bench
-from diagnosis.which.candidates import Arm, Candidate, candidates, with_told
+from diagnosis.which.candidates import Arm, Candidate, candidates
 from patterns.errors import InputError
 from sim import progress
 from sim.effects import setting
@@ -26,7 +26,6 @@ Kind = Literal["effects", "no gap", "none of the known", "cannot tell"]
 
 LOCKED = 4  # One room in so many has no say in what is named;
 _SURE = 8  # from so many rooms on no fewer than tell how sure a mean is.
-_TERRACED = "subpixel_steps"
 FEWEST = 2  # Rooms below which nothing can be held out.
 
 
@@ -106,23 +105,11 @@ def tried(
     first = asked[0]
     base = setting.apply(first.sensor, first.scene, nuisances.commonly(first.nuisances))
     taken = {name for one in asked if one.against is None for name in one.nuisances}
-    found = [
+    return [
         one
         for one in candidates(*base, arm)
         if (families is None or one.effect.family in families) and one.name not in taken
     ]
-    return _told(found, asked) if arm is Arm.DEPTH else found
-
-
-def _told(found: list[Candidate], asked: Sequence[Subject]) -> list[Candidate]:
-    """Steps of disparity are told by the device's own terraces, which meet simulated ones pixel by
-    pixel nowhere but where their height is right to a thousandth.
-    """
-    maps = [one.real.device_px for one in asked if one.real.device_px is not None]
-    step = terraces.step_px(maps)
-    if step is None:
-        return found
-    return [with_told(one, step) if one.name == _TERRACED else one for one in found]
 
 
 def named(

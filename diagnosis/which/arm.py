@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis import terraces
 from diagnosis.which import left, null, search
 from diagnosis.which.bench import Bench, Table
-from diagnosis.which.candidates import Arm, Candidate
+from diagnosis.which.candidates import Arm, Candidate, with_told
 from diagnosis.which.fit import fit, folds
 from diagnosis.which.likelihood import Likelihood, by_scene, total, weights
 from diagnosis.which.null import Base
@@ -27,6 +28,7 @@ from sim.effects.effect import Value
 # no effect is simulated as it truly is.
 BEYOND_NOISE, UNEXPLAINED = 0.35, 0.65
 OF_BEFORE = {Arm.IMAGE: 0.04, Arm.DEPTH: 0.1, Arm.WHOLE: 0.04}  # Matchers are told of less well.
+_TERRACED = "subpixel_steps"  # What leaves terraces in a device's own depth.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -123,12 +125,13 @@ def screen(
     base = null.base(bench)
     if bench.arm is Arm.DEPTH and not always and _same(bench, base):
         candidates = ()
+    candidates = told(candidates, bench)
     for one in candidates:
         for node in coarse(one):
             bench.begin({one.name: node})
     rough = tuple(
         made
-        for one in tell(list(candidates), f"effects on the {bench.arm.value}")
+        for one in tell(candidates, f"effects on the {bench.arm.value}")
         if (made := signature(one, bench, coarse(one))) is not None
     )
     weight = weights(rough, base.deviation)
@@ -141,6 +144,28 @@ def screen(
         threshold=null.threshold(null.gains(base, rough, weight, held)),
         noise=null.size(base, weight),
     )
+
+
+def told(candidates: Sequence[Candidate], bench: Bench) -> list[Candidate]:
+    """Candidates with what the captures tell of them by themselves, which is steps of disparity.
+
+    Simulated terraces meet the device's own pixel by pixel nowhere but where their height is right
+    to a thousandth.
+
+    Args:
+        candidates: of the bench's arm.
+        bench: the subjects.
+    """
+    return [
+        _with_step(one, bench) if one.name == _TERRACED and bench.arm is Arm.DEPTH else one
+        for one in candidates
+    ]
+
+
+def _with_step(candidate: Candidate, bench: Bench) -> Candidate:
+    own = [one.real.device_px for one in bench.subjects]
+    step = terraces.step_px([maps for maps in own if maps is not None])
+    return candidate if step is None else with_told(candidate, step)
 
 
 def of_families(screen: Screen, families: Collection[str]) -> Screen:

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from diagnosis import named, terraces
+from diagnosis.which import arm
 from diagnosis.which.candidates import Arm
 from sim import capture, sensors
 from sim.scenes import builtin
@@ -79,8 +80,13 @@ def test_the_step_that_is_told_is_tried(step_px, told):
         sensor=sensors.load("d435"), scene=builtin.clutter(1), nuisances={}, against=None, real=real
     )
     without: Any = SimpleNamespace(**{**vars(one), "real": SimpleNamespace(device_px=None)})
-    tried = {each.name: each for each in named.tried(Arm.DEPTH, [one, without])}
+    bench: Any = SimpleNamespace(arm=Arm.DEPTH, subjects=[one, without])
+    listed = named.tried(Arm.DEPTH, bench.subjects)
+    tried = {each.name: each for each in arm.told(listed, bench)}
     found = tried["subpixel_steps"].told
     assert found == (pytest.approx(step_px, rel=1e-3) if told else None)
     assert [each.name for each in tried.values() if each.told] == ["subpixel_steps"] * told
-    assert all(each.told is None for each in named.tried(Arm.IMAGE, [one]))
+    images: Any = SimpleNamespace(arm=Arm.IMAGE, subjects=[one])
+    assert all(
+        each.told is None for each in arm.told(named.tried(Arm.IMAGE, images.subjects), images)
+    )
