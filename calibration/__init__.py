@@ -8,7 +8,7 @@ from typing import Any
 def __getattr__(name: str) -> Any:
     """Load `fit` when it is asked for: it takes seconds, the package must not."""
     if name == "fit":
-        from calibration.fitting import fit
+        from starling.calibration.fit_sensor import fit
 
         return fit
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -8,14 +8,23 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from calibration import fitting
-from calibration.pattern import dots
-from calibration.report import figures as report
-from calibration.report import page as report_page
-from patterns import errors
-from sim import backend, capture, progress, record, sensors
-from sim.output import RECORD, OutputFolder, refuse_own_input, refuse_taken, write_file
-from sim.sensor import Sensor
+from starling.calibration import fit_sensor
+from starling.calibration.pattern import dots
+from starling.calibration.report import figures as report
+from starling.calibration.report import page
+from starling.patterns import errors
+from starling.sim.captures import capture
+from starling.sim.console import progress, record
+from starling.sim.console.output import (
+    RECORD,
+    OutputFolder,
+    refuse_own_input,
+    refuse_taken,
+    write_file,
+)
+from starling.sim.render import backend
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Sensor
 
 
 def calibrate_captures(
@@ -33,10 +42,10 @@ def calibrate_captures(
 
     Args:
         captures: capture set or one scene in it.
-        sensor: to start from, with the captures' geometry (see `sim.asked_sensor`).
+        sensor: to start from, with the captures' geometry (see `starling.sim.sensor.resolve`).
         out: sensor file to write, NAME.toml; NAME/ beside it holds the pattern's images, the dots,
             report.html, report.json and how they were made.
-        free: groups to fit (see `calibration.fitting.GROUPS`).
+        free: groups to fit (see `starling.calibration.fit_sensor.GROUPS`).
         heldout: rooms to keep out of the fit; None chooses.
         force: replace what was written before.
         asked: more arguments for the record.
@@ -44,7 +53,7 @@ def calibrate_captures(
 
     Returns:
         `{"parameters", "undetermined", "heldout", "seconds", "out", ...}` (see
-        `calibration.report.figures.figures`).
+        `starling.calibration.report.figures.figures`).
 
     Raises:
         InputError: whatever is wrong with captures, groups or output; nothing is left.
@@ -58,7 +67,7 @@ def calibrate_captures(
     refuse_own_input(beside, opened.path)
     with OutputFolder(beside, force=force) as folder:
         patterns_folder = folder.partial
-        found = fitting.fit(
+        found = fit_sensor.fit(
             opened.scenes, sensor, free=free, folder=patterns_folder, heldout=heldout, tell=tell
         )
         figures = report.figures(found)
@@ -67,7 +76,7 @@ def calibrate_captures(
         if found.recovered is not None:
             folder.write("dots.csv", dots.table(found.recovered, sensor))
         folder.write("report.json", record.dumps(figures))
-        folder.write("report.html", report_page.page(found))
+        folder.write("report.html", page.page(found))
         folder.write(
             RECORD,
             record.dumps(
@@ -86,8 +95,8 @@ def calibrate_captures(
             ),
         )
         calibrated = _relative(found.sensor, patterns_folder, beside.name)
-        folder.write("sensor.toml", sensors.dumps(_relative(found.sensor, patterns_folder, "")))
-    write_file(out, sensors.dumps(calibrated).encode(), force=force)
+        folder.write("sensor.toml", presets.dumps(_relative(found.sensor, patterns_folder, "")))
+    write_file(out, presets.dumps(calibrated).encode(), force=force)
     return {
         **figures,
         "out": str(out),

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import detail
-from patterns.errors import refuse
+from starling.calibration import detail
+from starling.patterns.errors import refuse
 
 Array = NDArray[np.float32]
 
@@ -17,7 +17,7 @@ _FAINTEST = 1e-4  # Of the image's largest value: a deviation below is rounding,
 
 
 def high_passed(image: NDArray) -> Array:
-    """Subtract the local mean and divide by the local deviation (see `calibration.detail`).
+    """Subtract the local mean and divide by the local deviation (see `starling.calibration.detail`).
 
     Gain and slow shading drop out, and to 1e-3 an offset; where nothing varies the result is 0.
 
@@ -48,7 +48,7 @@ def local_ncc(first: NDArray, second: NDArray, usable: NDArray[np.bool_]) -> Arr
     """Normalised cross-correlation of two images in windows of 31 x 31 px every 16 px.
 
     The windows are those whose pixels are all usable: pass pixels away from depth edges
-    (`sim.metrics.depth_edges`), inside both images. In each the means are subtracted, so any
+    (`starling.sim.metrics.depth_edges`), inside both images. In each the means are subtracted, so any
     gain and offset drop out. A window in which either image is constant scores 0.
 
     Args:

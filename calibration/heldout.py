@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import correlation
-from calibration.observation import Observation, truth_px
-from patterns import errors
-from sim import metrics
-from sim.depth import disparity_from_depth
-from sim.sensor import Sensor
+from starling.calibration import correlation
+from starling.calibration.observation import Observation, truth_px
+from starling.patterns import errors
+from starling.sim import metrics
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import disparity_from_depth
 
 if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
-    from sim.stage import Stage
+    from starling.sim.render.mitsuba_scene import Stage
 
 Array = NDArray[np.float32]
 Side = Literal["left", "right"]
@@ -103,12 +103,12 @@ def simulate(
 
     All are (h, w).
     """
-    from sim import render
-    from sim.noiseless import noiseless
+    from starling.sim.imaging.noiseless import noiseless
+    from starling.sim.render import direct
 
     light = dataclasses.replace(sensor.projector, pattern_scale=scale)
     scaled = dataclasses.replace(sensor, projector=light)
-    layers = render.layers(stage, scaled)
+    layers = direct.layers(stage, scaled)
     depth: dict[Side, Array] = {"left": layers.left.depth_m}
     if layers.right is not None:
         depth["right"] = layers.right.depth_m

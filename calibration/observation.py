@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from patterns import errors
-from sim.capture import CapturedScene
-from sim.capture_info import CaptureInfo
-from sim.imager.exposure import Exposure, recorded
-from sim.scene import Scene
-from sim.sensor import Sensor
+from starling.patterns import errors
+from starling.sim.captures.capture import CapturedScene
+from starling.sim.captures.info import CaptureInfo
+from starling.sim.imaging.imager.exposure import Exposure, recorded
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor.sensor import Sensor
 
 if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
-    from sim.stage import Stage
+    from starling.sim.render.mitsuba_scene import Stage
 
 Array = NDArray[np.float32]
 
@@ -52,7 +52,7 @@ class Observation:
         Raises:
             InputError: if there is no surface.
         """
-        from sim.stage import Stage
+        from starling.sim.render.mitsuba_scene import Stage
 
         if self.scene is None:
             raise errors.refuse(
@@ -115,19 +115,19 @@ def with_surface(
         seen: of the scene, as `read` has it.
         scene: of a capture set.
         sensor: that the captures are of, as far as its geometry and lens go.
-        smoothing_px: see `sim.scenes.captured.load`; posed meshes have reflectance of their own.
+        smoothing_px: see `starling.sim.scene.captured.captured_scene.load`; posed meshes have reflectance of their own.
 
     Raises:
         InputError: whatever is wrong with the files.
     """
-    from sim.scenes import captured, known
+    from starling.sim.scene.captured import captured_scene, known_geometry
 
-    surface = known.load(scene, sensor)
+    surface = known_geometry.load(scene, sensor)
     if surface is not None:
         return dataclasses.replace(seen, scene=surface, metric=True)
     if seen.truth_m is None or seen.left is None:
         return seen
-    surface = captured.load(scene.path, sensor, smoothing_px=smoothing_px)
+    surface = captured_scene.load(scene.path, sensor, smoothing_px=smoothing_px)
     return dataclasses.replace(seen, scene=surface)
 
 

@@ -8,9 +8,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from patterns import errors
-from sim import sensor_edits
-from sim.sensor import Sensor
+from starling.patterns import errors
+from starling.sim.sensor import edits as sensor_edits
+from starling.sim.sensor.sensor import Sensor
 
 FIELD = "projector.field"  # Tangent of the projector's half horizontal field.
 DOT_BLUR = "projector.dot_blur_mrad"

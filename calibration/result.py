@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from calibration.heldout import Scored
-from calibration.pattern.recovery import Recovered
-from calibration.solution import Estimate, Solution
-from sim.sensor import Sensor
+from starling.calibration.heldout import Scored
+from starling.calibration.pattern.recovery import Recovered
+from starling.calibration.solution import Estimate, Solution
+from starling.sim.sensor.sensor import Sensor
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

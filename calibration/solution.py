@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.sensor import Sensor
+from starling.sim.sensor.sensor import Sensor
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

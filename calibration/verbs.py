@@ -1,4 +1,4 @@
-"""Verbs of calibration (see `sim.verbs`)."""
+"""Verbs of calibration (see `starling.sim.commands.verbs`)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from sim import shell
-from sim.flags import Common, Edits, Shared
+from starling.sim.console import shell
+from starling.sim.console.flags import Common, Edits, Shared
 
 
 def calibrate(
@@ -35,12 +35,13 @@ def calibrate(
         heldout: rooms to keep out of the fit and score it on; every fourth where none is named.
         force: replace what was written before.
     """
-    from calibration import calibrate_captures as calibrating
-    from sim import asked_sensor, progress
+    from starling.calibration import calibrate_captures
+    from starling.sim.console import progress
+    from starling.sim.sensor import resolve
 
-    camera = asked_sensor.load(sensor, captures=captures, edits=edits)
+    camera = resolve.load(sensor, captures=captures, edits=edits)
     with progress.on_stderr() as tell:
-        result = calibrating.calibrate_captures(
+        result = calibrate_captures.calibrate_captures(
             captures,
             camera,
             out,

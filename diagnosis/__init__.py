@@ -8,7 +8,7 @@ from typing import Any
 def __getattr__(name: str) -> Any:
     """Load `diagnose` when it is asked for: it takes seconds, the package must not."""
     if name == "diagnose":
-        from diagnosis.diagnosis import diagnose
+        from starling.diagnosis.diagnosis import diagnose
 
         return diagnose
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -6,30 +6,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from diagnosis.complete import complete
-from diagnosis.crew import Crew
-from diagnosis.estimated import TAKEN_UP
-from diagnosis.families import refuse_others
-from diagnosis.howfar.judged import Judged
-from diagnosis.howfar.residual import METHOD, Residual, learn
-from diagnosis.limits import limits_of
-from diagnosis.named import Kind, named, open_arms, parted, screened, tried
-from diagnosis.report.shown import Shown, shown
-from diagnosis.scene_pairs import scene_pairs
-from diagnosis.subject import Subject, subject
-from diagnosis.tell_apart import Told, tell_apart
-from diagnosis.where import where
-from diagnosis.where.where import Where
-from diagnosis.which.arm import Found
-from diagnosis.which.candidates import Arm
-from diagnosis.which.noticed import Noticed, noticed
-from learning import registry
-from patterns.errors import InputError, refuse
-from sim import progress
-from sim.capture import CaptureSet
-from sim.effects import setting
-from sim.effects.effect import Value
-from sim.sensor import Sensor
+from starling.diagnosis.howfar.evaluation import Judged
+from starling.diagnosis.howfar.residual import METHOD, Residual, learn
+from starling.diagnosis.report.scene_images import Shown, shown
+from starling.diagnosis.scenes.comparable import complete
+from starling.diagnosis.scenes.estimated import TAKEN_UP
+from starling.diagnosis.scenes.limits import limits_of
+from starling.diagnosis.scenes.pairs import scene_pairs
+from starling.diagnosis.scenes.scene_model import Subject, subject
+from starling.diagnosis.validation.adapters.families import refuse_others
+from starling.diagnosis.where import location as where
+from starling.diagnosis.where.location import Where
+from starling.diagnosis.which.attribution import Kind, named, open_arms, parted, screened, tried
+from starling.diagnosis.which.candidates import Arm
+from starling.diagnosis.which.discrimination import Told, tell_apart
+from starling.diagnosis.which.segment import Found
+from starling.diagnosis.which.sensitivity import Noticed, noticed
+from starling.diagnosis.workers import Crew
+from starling.learning import registry
+from starling.patterns.errors import InputError, refuse
+from starling.sim.captures.capture import CaptureSet
+from starling.sim.console import progress
+from starling.sim.effects import setting as setting
+from starling.sim.effects.effect import Value
+from starling.sim.sensor.sensor import Sensor
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Verbs of the diagnosis (see `sim.verbs`)."""
+"""Verbs of the diagnosis (see `starling.sim.commands.verbs`)."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from sim import shell
-from sim.flags import Common, Edits, Shared
+from starling.sim.console import shell
+from starling.sim.console.flags import Common, Edits, Shared
 
 
 def diagnose(
@@ -47,10 +47,11 @@ def diagnose(
             and how much of it the named effects take over; minutes.
         force: drop what starling left in the folder.
     """
-    from diagnosis import diagnose_captures as diagnosing
-    from sim import asked_sensor, progress
+    from starling.diagnosis import command as diagnosing
+    from starling.sim.console import progress
+    from starling.sim.sensor import resolve
 
-    camera = asked_sensor.load(sensor, captures=captures, emitter=emitter, edits=edits)
+    camera = resolve.load(sensor, captures=captures, emitter=emitter, edits=edits)
     with progress.on_stderr() as tell:
         result = diagnosing.diagnose_captures(
             captures,
@@ -118,7 +119,7 @@ def withheld(
         *(["--debug"] if common.debug else []),
     ]
     # A process of its own: what it knows of its cases, the diagnosis must not.
-    command = [sys.executable, "-m", "diagnosis.withheld", str(out), "--tier", str(tier)]
+    command = [sys.executable, "-m", "starling.diagnosis.validation", str(out), "--tier", str(tier)]
     places = ["--jobs", str(jobs), "--blender", str(blender)]
     done = subprocess.run([*command, *places, *flags], check=False)
     if done.returncode:

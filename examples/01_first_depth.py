@@ -12,14 +12,16 @@ import sys
 
 import numpy as np
 
-from sim import scenes, sensors, simulate
-from sim.reason import LABELS, Reason
+from starling.sim import simulate
+from starling.sim.reason import LABELS, Reason
+from starling.sim.scene import sources
+from starling.sim.sensor import presets
 
 
 def main(scene_name: str = "tabletop", sensor_name: str = "d435") -> None:
     """Simulate one reading and print what came of it."""
-    sensor = sensors.load(sensor_name)
-    scene = scenes.load(scene_name, sensor)
+    sensor = presets.load(sensor_name)
+    scene = sources.load(scene_name, sensor)
     shot = simulate.simulate(scene, sensor, seed=0)
 
     depth = shot.depth

@@ -11,14 +11,16 @@ Usage:
 import sys
 from pathlib import Path
 
-from sim import sensors, sweep, sweep_picture
+from starling.sim.commands.sweep import picture as sweep_picture
+from starling.sim.commands.sweep import sweep as sweep
+from starling.sim.sensor import presets
 
 AXES = {"baseline_m": [0.1], "focal_px": [800.0]}
 
 
 def main(picture: str = "") -> None:
     """Print a line for each camera and distance; draw the curves where a file is named."""
-    found = sweep.sweep(sensors.load("d435"), AXES, distances_m=[1, 3])
+    found = sweep.sweep(presets.load("d435"), AXES, distances_m=[1, 3])
     print(f"law: z^2 / (f b) times {found.sigma_d_px:.3f} px, the D435's own at 1 m\n")
     print(f"{'camera':20}{'z m':>5}{'noise mm':>10}{'law mm':>8}{'ratio':>7}{'holes':>7}")
     for camera in found.cameras:

@@ -12,9 +12,11 @@ import sys
 import tempfile
 from pathlib import Path
 
-import calibration
-from calibration import parameters
-from sim import capture, sensor_edits, sensors, simulate_captures
+from starling import calibration
+from starling.calibration import parameters
+from starling.sim.captures import capture
+from starling.sim.commands import simulate_captures
+from starling.sim.sensor import edits, presets
 
 EDITS = ("width=424", "height=240", "fx_px=215", "fy_px=215", "cx_px=211.5", "cy_px=119.5")
 PITCH = "imager.pixel_pitch_m=8.98e-6"  # Half as many pixels on the same chip.
@@ -32,7 +34,7 @@ TRUTH = {
 
 def main(*asked: str) -> None:
     """Fit the nominal camera to captures of the true one, and print both beside the start."""
-    nominal = sensor_edits.apply(sensors.load("d435"), (*EDITS, PITCH))
+    nominal = edits.apply(presets.load("d435"), (*EDITS, PITCH))
     true = parameters.with_values(nominal, TRUTH.items())
     for scenes in [asked] if asked else [("wall",), ("tabletop",)]:
         with tempfile.TemporaryDirectory() as name:

@@ -1,6 +1,6 @@
 """Learn what physics misses: train on a camera that differs from its model, judge it elsewhere.
 
-The camera is the virtual one of `learning.virtual`: its imagers, lenses and matcher are not the
+The camera is the virtual one of `starling.learning.data.virtual`: its imagers, lenses and matcher are not the
 preset's, and its scenes reflect otherwise than their model says. So the simulator alone is wrong
 about some holes, depth alone cannot know of light, and the hybrid starts from the one and learns
 the rest. Few scenes and steps, for a minute's run: the figures of record are in docs/figures.md.
@@ -14,10 +14,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from learning.captured import Simulation
-from learning.evaluate_captures import Plan, evaluate_captures
-from learning.virtual import captures
-from sim import asked_sensor
+from starling.learning.commands.evaluate_captures import Plan, evaluate_captures
+from starling.learning.data.captured import Simulation
+from starling.learning.data.virtual import captures
+from starling.sim.sensor import resolve
 
 METHODS = ("perfect", "simple", "physics", "network", "hybrid")
 
@@ -27,7 +27,7 @@ def main(scenes: int = 2, steps: int = 15) -> None:
     with tempfile.TemporaryDirectory() as name:
         real = Path(name, "virtual")
         captures.write(real, [f"clutter:{number}" for number in range(scenes)], samples=4)
-        believed = asked_sensor.load("d435", captures=str(real))
+        believed = resolve.load("d435", captures=str(real))
         found = evaluate_captures(
             str(real),
             Path(name, "evaluation"),

@@ -12,9 +12,11 @@ import sys
 import tempfile
 from pathlib import Path
 
-from diagnosis import diagnose
-from diagnosis.report import sentences
-from sim import capture, sensor_edits, sensors, simulate_captures
+from starling.diagnosis import diagnose
+from starling.diagnosis.report import sentences
+from starling.sim.captures import capture
+from starling.sim.commands import simulate_captures
+from starling.sim.sensor import edits, presets
 
 EDITS = ("width=320", "height=180", "fx_px=162", "fy_px=162", "cx_px=159.5", "cy_px=89.5")
 BELIEVED = ("imager.lens.vignetting=0", "imager.dropped_bits=0")  # Matched as it is put out.
@@ -24,7 +26,7 @@ TRUE = ("vignetting=4",)
 
 def main(*asked: str) -> None:
     """Capture four scenes with effects, forget them, and print what the diagnosis says."""
-    believed = sensor_edits.apply(sensors.load("d435"), (*EDITS, *BELIEVED))
+    believed = edits.apply(presets.load("d435"), (*EDITS, *BELIEVED))
     effects = dict(one.split("=") for one in asked or TRUE)
     with tempfile.TemporaryDirectory() as name:
         out = Path(name, "captures")

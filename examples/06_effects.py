@@ -12,18 +12,21 @@ import sys
 
 import numpy as np
 
-from sim import metrics, scenes, sensors, simulate
-from sim.depth import disparity_from_depth
-from sim.effects import named, setting
-from sim.stage import Stage
+from starling.sim import metrics, simulate
+from starling.sim.effects import named
+from starling.sim.effects import setting as setting
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene import sources
+from starling.sim.sensor import presets
+from starling.sim.stereo.depth import disparity_from_depth
 
 ASKED = ("lens_blur=1.2", "laser_speckle=0.3", "vertical_offset=0.8", "disparity_offset=0.4")
 
 
 def main(*asked: str) -> None:
     """Print one line an effect."""
-    preset = sensors.load("d435")
-    scene = scenes.load("tabletop", preset)
+    preset = presets.load("d435")
+    scene = sources.load("tabletop", preset)
     sensor, scene = setting.ideal(preset, scene)
     scene = setting.on_scene(scene, {"ambient": 0.1})
     layers = simulate.simulate(Stage(scene), sensor).layers

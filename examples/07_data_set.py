@@ -7,10 +7,10 @@ Usage:
 import tempfile
 from pathlib import Path
 
-from sim import capture
-from sim.generation import index
-from sim.generation.generate import generate
-from sim.generation.verify import verify
+from starling.sim.captures import capture
+from starling.sim.datasets import index
+from starling.sim.datasets.generate import generate
+from starling.sim.datasets.verify import verify
 
 PLAN = """
 seed = 7

@@ -6,17 +6,19 @@ Usage:
 
 import numpy as np
 
-from learning.completion import methods
-from learning.completion.method import complete
-from learning.completion.metrics import score
-from sim import asked_sensor, scenes, simulate
-from sim.reason import LABELS, Reason
+from starling.learning.completion import methods
+from starling.learning.completion.evaluation.metrics import score
+from starling.learning.completion.method import complete
+from starling.sim import simulate
+from starling.sim.reason import LABELS, Reason
+from starling.sim.scene import sources
+from starling.sim.sensor import resolve
 
 SIZE = ("width=640", "height=360", "fx_px=448", "fy_px=448", "cx_px=319.5", "cy_px=179.5")
 
 # A furnished room as a D415 sees it. Every hole says why it is there.
-sensor = asked_sensor.load("d415", edits=SIZE)
-shot = simulate.simulate(scenes.load("room:2", sensor), sensor, seed=0)
+sensor = resolve.load("d415", edits=SIZE)
+shot = simulate.simulate(sources.load("room:2", sensor), sensor, seed=0)
 truth_m, depth = shot.layers.truth.depth_m, shot.depth
 causes = {LABELS[one]: depth.reason == one for one in Reason if one and (depth.reason == one).any()}
 print(f"{1 - depth.valid.mean():.1%} of the pixels have no depth")

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
-from learning.example import Example, Image
-from sim import progress
+from starling.learning.data.example import Example, Image
+from starling.sim.console import progress
 
 
 class Predictor(Protocol):

@@ -7,10 +7,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from learning.method import Method
-from patterns import errors
+from starling.learning.method import Method
+from starling.patterns import errors
 
-# Module under `learning.methods`, class, and its options.
+# Module under `starling.learning.methods`, class, and its options.
 _TABLE: dict[str, tuple[str, str, dict[str, Any]]] = {
     "perfect": ("perfect", "Perfect", {}),
     "simple": ("simple", "Simple", {}),
@@ -50,7 +50,7 @@ def method(name: str, *, steps: int | None = None, start: Path | None = None) ->
     errors.one_of("method", name, NAMES)
     module, kind, options = _TABLE[name]
     try:
-        made = getattr(import_module(f"learning.methods.{module}"), kind)(**options)
+        made = getattr(import_module(f"starling.learning.methods.{module}"), kind)(**options)
     except ModuleNotFoundError as error:
         raise errors.needs(name, str(error.name), "learning") from error
     if start is not None and name not in STARTABLE:

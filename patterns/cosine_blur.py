@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from patterns.field import Field
+from starling.patterns.field import Field
 
 _FINER = 3  # Pixels of the map in one of the image, along each axis.
 # Variance that linear interpolation adds on average on the way there and back, of pixels.

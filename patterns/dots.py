@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from patterns.errors import in_interval, positive, refuse
-from patterns.field import Field
+from starling.patterns.errors import in_interval, positive, refuse
+from starling.patterns.field import Field
 
 SIGMA_PER_FWHM = 1 / math.sqrt(8 * math.log(2))
 NARROWEST_PX = 1.5  # Below this a sampled Gaussian's sum moves with its sub-pixel position.

@@ -6,11 +6,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from patterns.cosine_blur import blurred
-from patterns.dots import SIGMA_PER_FWHM, draw
-from patterns.errors import in_interval, refuse
-from patterns.field import Field
-from patterns.pattern import Pattern
+from starling.patterns.cosine_blur import blurred
+from starling.patterns.dots import SIGMA_PER_FWHM, draw
+from starling.patterns.errors import in_interval, refuse
+from starling.patterns.field import Field
+from starling.patterns.pattern import Pattern
 
 _FINE_PX = 8.0  # Full width of a spot above which a coarser drawing holds it as well.
 
@@ -27,7 +27,7 @@ def irradiance(
 
     Dark dots take their light with them, and what is thrown out of the field is lost: nothing
     gets brighter. The light that is not in dots stays as it is. Widths add in quadrature: dots
-    are drawn anew; an image without dots is blurred (see `patterns.cosine_blur`).
+    are drawn anew; an image without dots is blurred (see `starling.patterns.cosine_blur`).
 
     Args:
         pattern: the intact one.

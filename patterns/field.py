@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patterns.errors import in_interval
-from patterns.whole import whole
+from starling.patterns.errors import in_interval
+from starling.patterns.whole import whole
 
 SMALLEST_SIDE_PX = 32
 LARGEST_SIDE_PX = 8192

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from patterns.errors import InputError, refuse
-from patterns.field import LARGEST_SIDE_PX, SMALLEST_SIDE_PX
-from patterns.pattern import Pattern
+from starling.patterns.errors import InputError, refuse
+from starling.patterns.field import LARGEST_SIDE_PX, SMALLEST_SIDE_PX
+from starling.patterns.pattern import Pattern
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 

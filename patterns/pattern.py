@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patterns.dots import check_dots, draw
-from patterns.errors import in_interval, positive, refuse
-from patterns.field import SMALLEST_SIDE_PX, Field
+from starling.patterns.dots import check_dots, draw
+from starling.patterns.errors import in_interval, positive, refuse
+from starling.patterns.field import SMALLEST_SIDE_PX, Field
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patterns.dots import SIGMA_PER_FWHM
-from patterns.errors import refuse
-from patterns.field import Field, unit_vectors
-from patterns.pattern import Pattern, check_image
-from patterns.uniqueness import unique_share
+from starling.patterns.dots import SIGMA_PER_FWHM
+from starling.patterns.errors import refuse
+from starling.patterns.field import Field, unit_vectors
+from starling.patterns.pattern import Pattern, check_image
+from starling.patterns.uniqueness import unique_share
 
 FURTHEST_MELT = 1.75  # In units of 2 sigma: beyond, only a power ratio over 15 melts.
 FAINTEST = 0.05  # A local maximum counts from this share of the bright ones' height.

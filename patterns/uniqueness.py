@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from patterns.errors import in_interval, positive, refuse
-from patterns.field import Field
-from patterns.whole import whole
+from starling.patterns.errors import in_interval, positive, refuse
+from starling.patterns.field import Field
+from starling.patterns.whole import whole
 
 BANDS = 48  # Rows of windows looked at, evenly spaced: a share to about 1 %.
 BLANK = 0.05  # Contrast floor, relative to the whole image's standard deviation.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from patterns.errors import refuse
+from starling.patterns.errors import refuse
 
 
 def whole(name: str, value: int, low: int, high: int, remedy: str = "Give a whole number.") -> int:

@@ -1,3 +1,3 @@
 """Scene and sensor to infrared pair to depth, with a reason for every missing pixel."""
 
-from patterns.errors import InputError as InputError
+from starling.patterns.errors import InputError as InputError

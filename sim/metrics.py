@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, optimize
 
-from patterns.errors import refuse
-from sim.filled import filled
+from starling.patterns.errors import refuse
+from starling.sim.stereo.filled import filled
 
 EDGE_JUMP_PX = 1.0  # A step between neighbours above this is a depth edge [px of disparity].
 EDGE_MARGIN_PX = 2  # Pixels this near a depth edge do not count: the reference is unsure there.

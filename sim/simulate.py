@@ -11,21 +11,23 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from patterns import errors
-from sim import imager, motion, render
-from sim.depth import DepthMap, disparity_from_depth
-from sim.imager import Infrared
-from sim.layers import Image, Layers, Mask, Truth, View
-from sim.light.received import received
-from sim.measurement import measure
-from sim.optics import image as optics
-from sim.parts.post import refuse_single_frame
-from sim.post.temporal import History
-from sim.reason import Reason
-from sim.registration import refuse_without, register
-from sim.scene import Scene
-from sim.sensor import Imager, Sensor
-from sim.stage import Stage
+from starling.patterns import errors
+from starling.sim.geometry import motion
+from starling.sim.imaging import imager
+from starling.sim.imaging.imager import Infrared
+from starling.sim.imaging.lens_input import received
+from starling.sim.imaging.optics import image as optics
+from starling.sim.reason import Reason
+from starling.sim.render import direct
+from starling.sim.render.layers import Image, Layers, Mask, Truth, View
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor.post import refuse_single_frame
+from starling.sim.sensor.sensor import Imager, Sensor
+from starling.sim.stereo.depth import DepthMap, disparity_from_depth
+from starling.sim.stereo.measurement import measure
+from starling.sim.stereo.post.temporal import History
+from starling.sim.stereo.registration import refuse_without, register
 
 Side = Literal["left", "right"]
 
@@ -230,11 +232,11 @@ def rendered(
     errors.in_interval("seed", seed, 0, 2**63 - 1, "Give a whole number from 0.")
     exposure_s = sensor.left.exposure_s
     if sensor.left.auto_exposure_level and not stage.scene.motion.still:
-        still = infrared(render.layers(stage, sensor), stage.scene, sensor, seed=seed)
+        still = infrared(direct.layers(stage, sensor), stage.scene, sensor, seed=seed)
         exposure_s = still.exposure.exposure_s
-    layers = render.layers(stage, sensor, exposure_s=exposure_s, step_px=step_px)
+    layers = direct.layers(stage, sensor, exposure_s=exposure_s, step_px=step_px)
     if stage.scene.interreflection:
-        from sim import indirect
+        from starling.sim.render import indirect
 
         layers = indirect.add(layers, stage, sensor, samples=samples, seed=seed)
     return layers

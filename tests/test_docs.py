@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.reason import LABELS
+from starling.sim.reason import LABELS
 
 ROOT = Path(__file__).parents[1]
 _LONG = {  # Up to a minute each.
@@ -46,7 +46,7 @@ def test_tutorial_commands_run(page: Path, tmp_path: Path) -> None:
     """What a page's shell blocks say, in order and in one folder, as one types it."""
     program = tmp_path / "bin" / "starling"
     program.parent.mkdir()
-    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{ROOT / "starling.py"}" "$@"\n')
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m starling "$@"\n')
     program.chmod(0o755)
     blocks = _blocks(page, "sh")
     assert blocks

@@ -93,7 +93,7 @@ unpack_libatomic() {
 # LLVM: the program itself says which library it would take (it looks for 16 or newer).
 llvm_found() {
     .venv/bin/python -c \
-        'import sys; from sim import backend; sys.exit(backend.llvm_library() is None)'
+        'import sys; from starling.sim.render import backend; sys.exit(backend.llvm_library() is None)'
 }
 
 get_llvm() {
@@ -113,7 +113,7 @@ pip_install() {
 
 # A stamp holds what the installation was made from: it is stale when that changes or moves.
 stamp=.venv/.ready-$kind
-wanted="$(pwd) $(cksum <pyproject.toml) $(echo ./*/__init__.py)"
+wanted="$(pwd) $(cksum <pyproject.toml) $(echo ./*/__init__.py starling/*)"
 
 if [ ! -x .venv/bin/python ] || ! .venv/bin/python -c '' 2>/dev/null; then
     make_venv

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.depth import hole_places
-from calibration.depth.depth_twin import DepthTwin
-from calibration.depth.hole_places import Compared
-from sim import metrics
-from sim.sensor import Sensor
+from starling.calibration.depth import hole_places
+from starling.calibration.depth.depth_twin import DepthTwin
+from starling.calibration.depth.hole_places import Compared
+from starling.sim import metrics
+from starling.sim.sensor.sensor import Sensor
 
 Array = NDArray[np.float32]
 Figures = Mapping[str, float]
@@ -21,7 +21,7 @@ def figures(scene: Compared, reading: Array) -> dict[str, float]:
     """Say how a reading of a scene compares with its truth and the device's holes.
 
     Returns:
-        `bias_px`, `nmad_px` (see `sim.metrics.DisparityFigures`) away from edges, `scatter_px`
+        `bias_px`, `nmad_px` (see `starling.sim.metrics.DisparityFigures`) away from edges, `scatter_px`
         (of what varies within 41 px), `ndp_rate` and `ndp_iou` right of the left band, and
         `ndp_PLACE`, the rate by place.
     """

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.depth import disparity_scale
-from calibration.depth.depth_twin import DepthTwin
-from calibration.depth.disparity_scale import DisparityScale
-from sim import progress
-from sim.effects import setting
-from sim.sensor import Sensor
+from starling.calibration.depth import disparity_scale
+from starling.calibration.depth.depth_twin import DepthTwin
+from starling.calibration.depth.disparity_scale import DisparityScale
+from starling.sim.console import progress
+from starling.sim.effects import setting as setting
+from starling.sim.sensor.sensor import Sensor
 
 _MORE = 3  # Steps after the first, at most; each renders every scene once.
 _SETTLED = 0.2  # Of its standard deviation: a smaller change of geometry ends the steps.

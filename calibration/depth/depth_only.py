@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from calibration.depth import depth_geometry, hole_places, thresholds
-from calibration.depth.depth_figures import Figures, side_by_side
-from calibration.depth.depth_geometry import DepthGeometry
-from calibration.depth.depth_twin import DepthTwin, twin
-from calibration.depth.disparity_scale import ROOMS
-from calibration.observation import Observation
-from calibration.solution import Estimate, Solution
-from patterns import errors
-from sim import progress
-from sim.effects import setting
-from sim.sensor import Sensor
+from starling.calibration.depth import depth_geometry, hole_places, thresholds
+from starling.calibration.depth.depth_figures import Figures, side_by_side
+from starling.calibration.depth.depth_geometry import DepthGeometry
+from starling.calibration.depth.depth_twin import DepthTwin, twin
+from starling.calibration.depth.disparity_scale import ROOMS
+from starling.calibration.observation import Observation
+from starling.calibration.solution import Estimate, Solution
+from starling.patterns import errors
+from starling.sim.console import progress
+from starling.sim.effects import setting as setting
+from starling.sim.sensor.sensor import Sensor
 
 GROUPS = ("baseline", "offset", "noise", "thresholds")
 

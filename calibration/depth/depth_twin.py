@@ -8,18 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.depth.disparity_scale import DisparityPair
-from calibration.observation import Observation
-from patterns import errors
-from sim import render, simulate
-from sim.capture_info import CaptureInfo
-from sim.depth import from_code, to_code
-from sim.layers import Layers
-from sim.measurement import measure
-from sim.scene import Material
-from sim.scenes import depth_surface
-from sim.sensor import Sensor
-from sim.stage import Stage
+from starling.calibration.depth.disparity_scale import DisparityPair
+from starling.calibration.observation import Observation
+from starling.patterns import errors
+from starling.sim import simulate
+from starling.sim.captures.info import CaptureInfo
+from starling.sim.render import direct
+from starling.sim.render.layers import Layers
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.captured import depth_surface
+from starling.sim.scene.scene import Material
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import from_code, to_code
+from starling.sim.stereo.measurement import measure
 
 Array = NDArray[np.float32]
 
@@ -42,10 +43,10 @@ class DepthTwin:
 
     def rendered(self, sensor: Sensor) -> DepthTwin:
         """Return the same scene as another geometry sees it."""
-        return dataclasses.replace(self, layers=render.layers(self.stage, sensor))
+        return dataclasses.replace(self, layers=direct.layers(self.stage, sensor))
 
     def infrared(self, sensor: Sensor) -> simulate.Pair:
-        """Return the images (see `sim.simulate.infrared`)."""
+        """Return the images (see `starling.sim.simulate.infrared`)."""
         return simulate.infrared(self.layers, self.stage.scene, sensor, seed=self.seed)
 
     def matched(self, pair: simulate.Pair, sensor: Sensor) -> Array:
@@ -106,7 +107,7 @@ def twin(observation: Observation, sensor: Sensor, *, seed: int = 0) -> DepthTwi
             )
         truth_px = info.disparity_px(truth_m)
         stage = Stage(depth_surface.scene(observation.name, truth_px, info, _GREY))
-    layers = render.layers(stage, sensor)
+    layers = direct.layers(stage, sensor)
     return DepthTwin(
         name=observation.name,
         room=observation.room,

@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from patterns import errors
-from sim import metrics
+from starling.patterns import errors
+from starling.sim import metrics
 
 Array = NDArray[np.float32]
 Column = NDArray[np.float64]

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.depth.depth_twin import DepthTwin
-from sim import metrics
-from sim.pinhole import Pinhole
+from starling.calibration.depth.depth_twin import DepthTwin
+from starling.sim import metrics
+from starling.sim.geometry.pinhole import Pinhole
 
 Array = NDArray[np.float32]
 Column = NDArray[np.float64]

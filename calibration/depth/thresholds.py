@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from calibration.depth import hole_places
-from calibration.depth.hole_places import Compared
-from sim import progress, simulate
-from sim.effects import Parameter, setting
-from sim.sensor import Sensor
+from starling.calibration.depth import hole_places
+from starling.calibration.depth.hole_places import Compared
+from starling.sim import simulate
+from starling.sim.console import progress
+from starling.sim.effects import Parameter
+from starling.sim.effects import setting as setting
+from starling.sim.sensor.sensor import Sensor
 
 Array = NDArray[np.float32]
 Column = NDArray[np.float64]

@@ -7,15 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import parameters
-from calibration.geometry import residuals, solve, start, uncertainty
-from calibration.geometry.residuals import Normal, Predicted, View
-from calibration.geometry.uncertainty import Uncertainty
-from calibration.observation import Observation
-from calibration.parameters import DOT_BLUR, FIELD, Parameter
-from calibration.solution import Estimate, Solution
-from patterns import errors
-from sim.sensor import Sensor
+from starling.calibration import parameters
+from starling.calibration.geometry import residuals, start
+from starling.calibration.geometry.residuals import Normal, Predicted, View
+from starling.calibration.least_squares import solve, uncertainty
+from starling.calibration.least_squares.uncertainty import Uncertainty
+from starling.calibration.observation import Observation
+from starling.calibration.parameters import DOT_BLUR, FIELD, Parameter
+from starling.calibration.solution import Estimate, Solution
+from starling.patterns import errors
+from starling.sim.sensor.sensor import Sensor
 
 _BLUR_SHARE = 1 / 640  # Of the image's width: sigma of the blur that the fit begins with.
 _LEAST_CORRELATION = 0.1  # Of the windows at their places: below, no dots were found.
@@ -32,13 +33,13 @@ def fit_geometry(
 
     Reflectance, ambient light, gain and falloff are eliminated place by place and need not be
     right. The result is the most likely sensor given the captures and that a unit is within its
-    tolerances (see `calibration.parameters`) of the sensor given.
+    tolerances (see `starling.calibration.parameters`) of the sensor given.
 
     Args:
         observations: captured scenes with infrared images and a surface: posed meshes, or
             reference depth, which leaves a common scale open (see `Solution.undetermined`).
         sensor: where to begin; pattern, lens and electronics are taken from it.
-        free: groups of parameters (see `calibration.parameters.GEOMETRY`).
+        free: groups of parameters (see `starling.calibration.parameters.GEOMETRY`).
         subpixels: n of the n x n positions in a pixel at which dots are sampled.
 
     Raises:

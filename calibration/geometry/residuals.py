@@ -11,15 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from calibration import parameters, variable_projection
-from calibration.observation import Observation
-from calibration.parameters import DOT_BLUR, FIELD, Parameter
-from patterns import errors
-from sim import differentiable, differentiable_image, metrics
-from sim.depth import disparity_from_depth
-from sim.imager.converter import bent
-from sim.pinhole import Pinhole
-from sim.sensor import Imager, Sensor
+from starling.calibration import parameters
+from starling.calibration.least_squares import variable_projection
+from starling.calibration.observation import Observation
+from starling.calibration.parameters import DOT_BLUR, FIELD, Parameter
+from starling.patterns import errors
+from starling.sim import metrics
+from starling.sim.differentiable import image as differentiable_image
+from starling.sim.differentiable import light as differentiable
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.imaging.imager.converter import bent
+from starling.sim.sensor.sensor import Imager, Sensor
+from starling.sim.stereo.depth import disparity_from_depth
 
 Array = NDArray[np.float32]
 Mask = NDArray[np.bool_]

@@ -18,11 +18,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import parameters
-from calibration.geometry.residuals import View
-from calibration.parameters import DOT_BLUR, FIELD, Parameter
-from sim import differentiable, differentiable_image, randomness
-from sim.sensor import Sensor
+from starling.calibration import parameters
+from starling.calibration.geometry.residuals import View
+from starling.calibration.parameters import DOT_BLUR, FIELD, Parameter
+from starling.sim import randomness
+from starling.sim.differentiable import image as differentiable_image
+from starling.sim.differentiable import light as differentiable
+from starling.sim.sensor.sensor import Sensor
 
 Array = NDArray[np.float32]
 

@@ -15,14 +15,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import heldout
-from calibration.observation import Observation
-from calibration.solution import Estimate, Solution
-from patterns import errors
-from sim.matching import match, readable
-from sim.matching.memory import Memory
-from sim.sensor import Sensor
-from sim.statistics import mean_known
+from starling.calibration import heldout
+from starling.calibration.observation import Observation
+from starling.calibration.solution import Estimate, Solution
+from starling.patterns import errors
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.statistics import mean_known
+from starling.sim.stereo.matching import match, readable
+from starling.sim.stereo.memory import Memory
 
 NAME = "right.alignment.warp_px"
 COLUMNS = 32  # Cells across the image; down as many as make them square.

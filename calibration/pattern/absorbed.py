@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.pattern import cosine_image
-from calibration.pattern.cosine_image import Array, Grid
+from starling.calibration.pattern import cosine_image
+from starling.calibration.pattern.cosine_image import Array, Grid
 
 _CELL = 8  # Pixels of the pattern's image: slides vary slowly over directions.
 

@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.pattern.image_recovery import imager_blur_px
-from calibration.pattern.lattice import Lattice
-from calibration.pattern.recovery import Recovered
-from calibration.pattern.unprojected import PatternImage
-from sim import projector as light
-from sim.sensor import Sensor
+from starling.calibration.pattern.image_recovery import imager_blur_px
+from starling.calibration.pattern.lattice import Lattice
+from starling.calibration.pattern.recovery import Recovered
+from starling.calibration.pattern.unprojected import PatternImage
+from starling.sim.render import emission
+from starling.sim.sensor.sensor import Sensor
 
 _LEAST_HEIGHT = 3.0  # A dot's top over the pattern's uncertainty there.
 _APART_PX = 5  # Of the pattern's image: tops nearer than half of this are one dot's.
@@ -38,7 +38,7 @@ def of(recovered: Recovered, sensor: Sensor) -> tuple[Dots, ...]:
     captures told (see docs/decisions). An image's dots are its round tops.
 
     Args:
-        recovered: from `calibration.pattern.recovery.recover`.
+        recovered: from `starling.calibration.pattern.recovery.recover`.
         sensor: whose field they fill and whose blur is taken off.
     """
     out = []
@@ -65,7 +65,7 @@ def table(recovered: Recovered, sensor: Sensor) -> str:
 def of_lattice(lattice: Lattice, sensor: Sensor) -> Dots:
     """List a lattice's dots that fall into a sensor's field, the imager's blur taken off."""
     blur = imager_blur_px(sensor) / sensor.fx_px
-    half_x, half_y = light.half_tangents(sensor.projector)
+    half_x, half_y = emission.half_tangents(sensor.projector)
     far = float(np.hypot(half_x, half_y))
     reach = far / np.hypot(1, far)
     cosines = lattice.dots(reach, reach)

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import frames
+from starling.sim.geometry import frames
 
 Array = NDArray[np.floating[Any]]
 
@@ -89,7 +89,7 @@ def directions(
     Args:
         points_m: (n, 3) in the left frame.
         position_m: (3,) of the emitter, left frame.
-        rotation_deg: of the projector's axes (see `sim.frames.rotation`).
+        rotation_deg: of the projector's axes (see `starling.sim.geometry.frames.rotation`).
         scale: pattern scale of the scene; cosines are over it.
     """
     axes = frames.rotation(rotation_deg)

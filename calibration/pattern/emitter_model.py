@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.pattern import cosine_image, emission
-from calibration.pattern.absorbed import Absorbed
-from calibration.pattern.emission import Alignment, Seen
-from calibration.pattern.lattice import Lattice
-from calibration.pattern.unprojected import PatternImage
-from calibration.pattern.views import Array
+from starling.calibration.pattern import cosine_image, emission
+from starling.calibration.pattern.absorbed import Absorbed
+from starling.calibration.pattern.emission import Alignment, Seen
+from starling.calibration.pattern.lattice import Lattice
+from starling.calibration.pattern.unprojected import PatternImage
+from starling.calibration.pattern.views import Array
 
 _LATTICE = (
     *(f"frequency.{i}{j}" for i in range(2) for j in range(2)),

@@ -1,6 +1,6 @@
 """Normal equations of a view that shows a pattern as an image: what moves the image's emitter.
 
-The residual is the one that the image itself was solved with (`calibration.pattern.unprojected`):
+The residual is the one that the image itself was solved with (`starling.calibration.pattern.unprojected`):
 blur, local gain and neighbourhood alike. Residuals of another model would hold, many times the
 noise, what the image cannot follow there, and steps would come out short and sure.
 """
@@ -11,12 +11,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calibration import variable_projection
-from calibration.pattern import tile_equations, unprojected
-from calibration.pattern.tile_equations import Normal
-from calibration.pattern.unprojected import Placed
-from calibration.pattern.views import Array
-from sim import metrics
+from starling.calibration.least_squares import variable_projection
+from starling.calibration.pattern import tile_equations, unprojected
+from starling.calibration.pattern.tile_equations import Normal
+from starling.calibration.pattern.unprojected import Placed
+from starling.calibration.pattern.views import Array
+from starling.sim import metrics
 
 _ROBUST = 3.0  # Residuals above this many times the usual one count less (Cauchy).
 _LEAST_STIFF = 0.1  # Of the weights' mean: a curvature of less is chance.

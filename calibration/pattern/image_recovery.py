@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.pattern import (
+from starling.calibration.pattern import (
     absorbed,
     emission,
     emitter_model,
@@ -25,17 +25,17 @@ from calibration.pattern import (
     tile_equations,
     unprojected,
 )
-from calibration.pattern.absorbed import Absorbed
-from calibration.pattern.cosine_image import Grid
-from calibration.pattern.emitter_model import Emission, Model
-from calibration.pattern.modulation import Modulation
-from calibration.pattern.pattern_fit import Fitted
-from calibration.pattern.tile_equations import Normal
-from calibration.pattern.unprojected import PatternImage, Placed
-from calibration.pattern.views import Array, View
-from sim import progress
-from sim import projector as light
-from sim.sensor import Sensor
+from starling.calibration.pattern.absorbed import Absorbed
+from starling.calibration.pattern.cosine_image import Grid
+from starling.calibration.pattern.emitter_model import Emission, Model
+from starling.calibration.pattern.modulation import Modulation
+from starling.calibration.pattern.pattern_fit import Fitted
+from starling.calibration.pattern.tile_equations import Normal
+from starling.calibration.pattern.unprojected import PatternImage, Placed
+from starling.calibration.pattern.views import Array, View
+from starling.sim.console import progress
+from starling.sim.render import emission as light
+from starling.sim.sensor.sensor import Sensor
 
 _TEXELS_PER_PIXEL = 0.9  # Of the pattern's image, over the imager's pixels on the axis.
 _MARGIN = 1.02  # The grid's extent over the field's.

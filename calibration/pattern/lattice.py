@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.pattern.unprojected import PatternImage
+from starling.calibration.pattern.unprojected import PatternImage
 
 _SIZE = 2048  # Of the spectrum [bins].
 _TIMES_FLOOR = 10.0  # A peak is this much above the median of its ring; noise reaches 5.

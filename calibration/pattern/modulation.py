@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calibration import detail
-from calibration.detail import high_passed
-from calibration.pattern.views import Array, View
+from starling.calibration import detail
+from starling.calibration.detail import high_passed
+from starling.calibration.pattern.views import Array, View
 
 _LEAST_DEVIATION_DN = 0.5  # Half a code: less is the converter's own steps.
 _STEP_DN2 = 1 / 12  # Variance of rounding to whole codes.

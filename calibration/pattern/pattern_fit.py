@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.pattern import emitter_model, room_equations, tile_equations
-from calibration.pattern.emission import Seen
-from calibration.pattern.emitter_model import Model
-from calibration.pattern.tile_equations import Normal
-from calibration.pattern.views import Array, View
-from sim.sensor import Sensor
+from starling.calibration.pattern import emitter_model, room_equations, tile_equations
+from starling.calibration.pattern.emission import Seen
+from starling.calibration.pattern.emitter_model import Model
+from starling.calibration.pattern.tile_equations import Normal
+from starling.calibration.pattern.views import Array, View
+from starling.sim.sensor.sensor import Sensor
 
 # Dots are three pixels wide: every other row and column tells as much for its time, and fewer do
 # until the dots are found.

@@ -10,17 +10,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.pattern import dots
-from calibration.pattern.emitter_model import Emission, Model
-from calibration.pattern.lattice import Lattice
-from calibration.pattern.recovery import Recovered
-from calibration.pattern.unprojected import PatternImage
-from patterns import Pattern
-from patterns.dots import SIGMA_PER_FWHM
-from patterns.field import Field
-from sim import frames, png
-from sim.parts.emitter import Emitter
-from sim.sensor import Sensor
+from starling.calibration.pattern import dots
+from starling.calibration.pattern.emitter_model import Emission, Model
+from starling.calibration.pattern.lattice import Lattice
+from starling.calibration.pattern.recovery import Recovered
+from starling.calibration.pattern.unprojected import PatternImage
+from starling.patterns import Pattern
+from starling.patterns.dots import SIGMA_PER_FWHM
+from starling.patterns.field import Field
+from starling.sim.captures import png
+from starling.sim.geometry import frames
+from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.sensor import Sensor
 
 _WIDTH_PX = 2048  # Of a written pattern: 0.75 mrad a pixel on a D415's axis.
 _NARROWEST_MRAD = 1.0  # A dot's least sigma; less is the imager's blur taken for more than it is.
@@ -33,7 +34,7 @@ def with_pattern(sensor: Sensor, recovered: Recovered, folder: Path) -> Sensor:
 
     Args:
         sensor: that the captures were of.
-        recovered: from `calibration.pattern.recovery.recover`.
+        recovered: from `starling.calibration.pattern.recovery.recover`.
         folder: where `emitter-N.png` are written.
 
     Returns:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.pattern import emission, emitter_model, pattern_sensor, room_equations
-from calibration.pattern.emission import Alignment
-from calibration.pattern.lattice import Lattice
-from calibration.pattern.recovery import Recovered
-from calibration.solution import Estimate, Solution
-from sim import frames
-from sim.sensor import Sensor
+from starling.calibration.pattern import emission, emitter_model, pattern_sensor, room_equations
+from starling.calibration.pattern.emission import Alignment
+from starling.calibration.pattern.lattice import Lattice
+from starling.calibration.pattern.recovery import Recovered
+from starling.calibration.solution import Estimate, Solution
+from starling.sim.geometry import frames
+from starling.sim.sensor.sensor import Sensor
 
 SCALE_OPEN = (
     "fx_px and baseline_m cannot be told apart by reference depth, which is seen through the same "

@@ -11,17 +11,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.pattern import emitter_model, image_recovery, lattice, pattern_fit
-from calibration.pattern.emission import Alignment
-from calibration.pattern.emitter_model import Emission, Model
-from calibration.pattern.lattice import Lattice
-from calibration.pattern.modulation import Modulation
-from calibration.pattern.pattern_fit import Fitted
-from calibration.pattern.unprojected import PatternImage
-from calibration.pattern.views import View
-from patterns import errors
-from sim import progress
-from sim.sensor import Sensor
+from starling.calibration.pattern import emitter_model, image_recovery, lattice, pattern_fit
+from starling.calibration.pattern.emission import Alignment
+from starling.calibration.pattern.emitter_model import Emission, Model
+from starling.calibration.pattern.lattice import Lattice
+from starling.calibration.pattern.modulation import Modulation
+from starling.calibration.pattern.pattern_fit import Fitted
+from starling.calibration.pattern.unprojected import PatternImage
+from starling.calibration.pattern.views import View
+from starling.patterns import errors
+from starling.sim.console import progress
+from starling.sim.sensor.sensor import Sensor
 
 _ROUNDS = 8  # Of place and image in turn, at most: from 3 mm off, the last moves 1e-5 m.
 _ROUNDS_AGAIN = 3

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from calibration.pattern import emitter_model, tile_equations
-from calibration.pattern.emitter_model import Model
-from calibration.pattern.tile_equations import Normal
+from starling.calibration.pattern import emitter_model, tile_equations
+from starling.calibration.pattern.emitter_model import Model
+from starling.calibration.pattern.tile_equations import Normal
 
 LEAST_ROOMS = 3  # Fewer say nothing of how rooms differ.
 _QUANTILE = 0.95  # At which Student's and the normal distribution are made alike.

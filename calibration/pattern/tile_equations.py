@@ -1,7 +1,7 @@
 """Normal equations of an image's tiles: what remains for common parameters to answer for.
 
 Levels, slopes and lights' strengths are each tile's own and are eliminated (see
-`calibration.variable_projection`). Pixels that fit badly, and tiles that do as a whole (texture, a
+`starling.calibration.least_squares.variable_projection`). Pixels that fit badly, and tiles that do as a whole (texture, a
 wrong reference), count less.
 """
 
@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import variable_projection
-from calibration.variable_projection import Array
+from starling.calibration.least_squares import variable_projection
+from starling.calibration.least_squares.variable_projection import Array
 
 _ROBUST = 3.0  # Residuals above this many deviations count less (Cauchy).
 _OF_NOISE = 0.8741  # Mean of c^2 log(1 + x^2 / c^2), c = 3, of noise x of unit deviation.

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from calibration.pattern import cosine_image
-from calibration.pattern.cosine_image import Grid
-from calibration.pattern.modulation import Modulation, high_passed
-from calibration.pattern.views import Array
+from starling.calibration.pattern import cosine_image
+from starling.calibration.pattern.cosine_image import Grid
+from starling.calibration.pattern.modulation import Modulation, high_passed
+from starling.calibration.pattern.views import Array
 
 _GAIN_PX = 12.0  # Sigma over which a local gain is fitted.
 _GAIN_RANGE = (0.1, 3.0)

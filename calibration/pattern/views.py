@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.observation import Observation
-from patterns import errors
-from sim import metrics
-from sim.depth import disparity_from_depth
-from sim.sensor import Sensor
+from starling.calibration.observation import Observation
+from starling.patterns import errors
+from starling.sim import metrics
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import disparity_from_depth
 
 if TYPE_CHECKING:  # Loads the renderer, which takes seconds.
-    from sim.layers import View as Rendered
+    from starling.sim.render.layers import View as Rendered
 
 Array = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
@@ -48,7 +48,7 @@ def of(observation: Observation, sensor: Sensor) -> tuple[View, ...]:
     Raises:
         InputError: if infrared images or surface are missing.
     """
-    from sim import render
+    from starling.sim.render import direct
 
     if observation.scene is None or observation.left is None:
         raise errors.refuse(
@@ -57,7 +57,7 @@ def of(observation: Observation, sensor: Sensor) -> tuple[View, ...]:
             "less",
             "Fit what depth alone can tell by captures without infrared.",
         )
-    layers = render.layers(observation.stage, sensor, subpixels=1)
+    layers = direct.layers(observation.stage, sensor, subpixels=1)
     views = [_view(observation, sensor, "left", observation.left, layers.left)]
     if observation.right is not None and layers.right is not None:
         views.append(_view(observation, sensor, "right", observation.right, layers.right))
@@ -97,9 +97,9 @@ def _moved(
     points_m: Array, lit: Array, sensor: Sensor, side: Literal["left", "right"]
 ) -> tuple[Array, Array]:
     """Points and light where a misaligned imager's pixels see them."""
-    from sim.optics import alignment
-    from sim.parts.lens import Alignment
-    from sim.pinhole import Pinhole
+    from starling.sim.geometry.pinhole import Pinhole
+    from starling.sim.imaging.optics import alignment
+    from starling.sim.sensor.lens import Alignment
 
     aligned = sensor.left.alignment if side == "left" else sensor.right.alignment
     if aligned == Alignment():

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from calibration import variable_projection
+from starling.calibration.least_squares import variable_projection
 
 BLOCK_PX = 8
 QUIETEST = 0.1  # Share of the blocks that vary least.

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.observation import Observation
-from calibration.solution import Estimate, Solution
-from sim import sensor_edits
-from sim.sensor import Sensor
+from starling.calibration.observation import Observation
+from starling.calibration.solution import Estimate, Solution
+from starling.sim.sensor import edits
+from starling.sim.sensor.sensor import Sensor
 
 NAME = "left.auto_exposure_level"
 _LEAST_SCENES = 2  # One says nothing of how far scenes scatter about what is aimed at.
@@ -50,5 +50,5 @@ def fit_exposure_level(observations: Sequence[Observation], sensor: Sensor) -> S
         covariance=np.array([[deviation**2]]),
         undetermined=(),
         cost=(),
-        sensor=sensor_edits.with_values(sensor, [("imager.auto_exposure_level", level)]),
+        sensor=edits.with_values(sensor, [("imager.auto_exposure_level", level)]),
     )

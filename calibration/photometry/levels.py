@@ -13,15 +13,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import frames
-from sim.imager import electrons_per_radiance, mixed
-from sim.imager.exposure import Exposure
-from sim.layers import Image, Mask, View
-from sim.light.signals import signals
-from sim.light.steady import steady
-from sim.pinhole import Pinhole
-from sim.scene import Scene
-from sim.sensor import Imager, Sensor
+from starling.sim.geometry import frames
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.imaging.imager import electrons_per_radiance, mixed
+from starling.sim.imaging.imager.exposure import Exposure
+from starling.sim.imaging.signals import signals
+from starling.sim.imaging.steady import steady
+from starling.sim.render.layers import Image, Mask, View
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor.sensor import Imager, Sensor
 
 Side = Literal["left", "right"]
 

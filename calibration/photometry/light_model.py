@@ -10,15 +10,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import detail
-from calibration.observation import Observation
-from calibration.photometry import levels, tiles
-from calibration.photometry.levels import Levels, Side, part
-from sim import imager, render, sensor_edits
-from sim.imager.exposure import Exposure
-from sim.layers import Layers, Mask, View
-from sim.scene import Scene
-from sim.sensor import Sensor
+from starling.calibration import detail
+from starling.calibration.least_squares import tiles
+from starling.calibration.observation import Observation
+from starling.calibration.photometry import levels
+from starling.calibration.photometry.levels import Levels, Side, part
+from starling.sim.imaging import imager
+from starling.sim.imaging.imager.exposure import Exposure
+from starling.sim.render import direct
+from starling.sim.render.layers import Layers, Mask, View
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor import edits
+from starling.sim.sensor.sensor import Sensor
 
 POWER = "projector.power_w"
 AMBIENT = "scene.ambient.irradiance_w_m2"
@@ -116,14 +119,14 @@ def images(
 ) -> tuple[Image, ...]:
     """Every image of the observations that have a surface, with its layers."""
     found = []
-    hazy = sensor_edits.with_values(sensor, [(HAZE, 1.0)])
+    hazy = edits.with_values(sensor, [(HAZE, 1.0)])
     for observation in observations:
         if observation.scene is None:
             continue
         rendered = layers.get(observation.name)
         if rendered is None:
-            rendered = render.layers(observation.stage, sensor)
-        spread = render.layers(observation.stage, hazy)
+            rendered = direct.layers(observation.stage, sensor)
+        spread = direct.layers(observation.stage, hazy)
         recorded = exposures.get(observation.name)
         fixed = Exposure(exposure_s=sensor.left.exposure_s, gain=sensor.left.gain)
         known = recorded is not None or sensor.left.auto_exposure_level == 0

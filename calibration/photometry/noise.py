@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.observation import Observation
-from calibration.photometry.blocks import BLOCK_PX, blocks, quietest, quietest_by_chance
-from calibration.photometry.photometry_open import EVEN
-from calibration.photometry.photon_transfer import fit_photon_transfer
-from calibration.photometry.prediction import Prediction
-from calibration.photometry.speckle_contrast import SPECKLE, fit_speckle, speckle_bound
-from calibration.solution import Estimate, Solution
-from sim import sensor_edits
-from sim.sensor import Sensor
+from starling.calibration.observation import Observation
+from starling.calibration.photometry.blocks import BLOCK_PX, blocks, quietest, quietest_by_chance
+from starling.calibration.photometry.photometry_open import EVEN
+from starling.calibration.photometry.photon_transfer import fit_photon_transfer
+from starling.calibration.photometry.prediction import Prediction
+from starling.calibration.photometry.speckle_contrast import SPECKLE, fit_speckle, speckle_bound
+from starling.calibration.solution import Estimate, Solution
+from starling.sim.sensor import edits as sensor_edits
+from starling.sim.sensor.sensor import Sensor
 
 _PHOTON = ("left.full_well_e", "left.read_noise_e", "left.smoothing_px")
 _UNITS = ("electrons", "electrons", "px")

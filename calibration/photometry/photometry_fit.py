@@ -16,9 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.observation import Observation
-from calibration.photometry import levels, light_model, prediction, tiles, weights
-from calibration.photometry.light_model import (
+from starling.calibration.least_squares import tiles
+from starling.calibration.observation import Observation
+from starling.calibration.photometry import levels, light_model, prediction, weights
+from starling.calibration.photometry.light_model import (
     AMBIENT,
     BLUR,
     FALLOFF,
@@ -33,14 +34,14 @@ from calibration.photometry.light_model import (
     ambient,
     exposure_ratio,
 )
-from calibration.photometry.photometry_open import BLACK_DN, sentences
-from calibration.photometry.prediction import Prediction
-from calibration.solution import Estimate, Solution
-from patterns import errors
-from sim import sensor_edits
-from sim.imager.exposure import Exposure
-from sim.layers import Layers
-from sim.sensor import Sensor
+from starling.calibration.photometry.photometry_open import BLACK_DN, sentences
+from starling.calibration.photometry.prediction import Prediction
+from starling.calibration.solution import Estimate, Solution
+from starling.patterns import errors
+from starling.sim.imaging.imager.exposure import Exposure
+from starling.sim.render.layers import Layers
+from starling.sim.sensor import edits as sensor_edits
+from starling.sim.sensor.sensor import Sensor
 
 PARAMETERS = (POWER, AMBIENT, LEFT_BLACK, HAZE, VIGNETTING, FALLOFF, BLUR)
 """What `free` may name; the right imager's black level and gain go with the left's black level."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.photometry.light_model import (
+from starling.calibration.photometry.light_model import (
     BLUR,
     FALLOFF,
     HAZE,
@@ -19,7 +19,7 @@ from calibration.photometry.light_model import (
     ambient,
     black_name,
 )
-from calibration.solution import Estimate
+from starling.calibration.solution import Estimate
 
 _TOGETHER = 0.98  # Correlation from which two parameters are one.
 BLACK_DN = 1.0  # Deviation from which a black level is as good as unknown.

@@ -18,13 +18,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.photometry import quantised_noise
-from calibration.photometry.levels import Side, part
-from calibration.solution import Estimate, Solution
-from patterns import errors
-from sim import sensor_edits
-from sim.imager import smoothing
-from sim.sensor import Imager, Sensor
+from starling.calibration.photometry import quantised_noise
+from starling.calibration.photometry.levels import Side, part
+from starling.calibration.solution import Estimate, Solution
+from starling.patterns import errors
+from starling.sim.imaging.imager import smoothing
+from starling.sim.sensor import edits
+from starling.sim.sensor.sensor import Imager, Sensor
 
 _BLOCK_PX = 40  # Side of the blocks that are left out in turn.
 _BINS = 24  # Of the level, each at least a step wide.
@@ -123,7 +123,7 @@ def _solution(curve: _Curve, spread: NDArray, sensor: Sensor, side: Side) -> Sol
         Estimate(name=name, value=value, sd=float(sd), unit=unit, start=start)
         for (name, value, unit, start), sd in zip(names, deviations, strict=True)
     )
-    fitted = sensor_edits.with_values(sensor, [(e.name, e.value) for e in estimates])
+    fitted = edits.with_values(sensor, [(e.name, e.value) for e in estimates])
     return Solution(
         estimates=estimates,
         covariance=covariance,

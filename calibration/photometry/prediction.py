@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.photometry import light_model, tiles, weights
-from calibration.photometry.levels import Side
-from calibration.photometry.light_model import Formed, Image
-from sim.layers import Mask
-from sim.sensor import Sensor
+from starling.calibration.least_squares import tiles
+from starling.calibration.photometry import light_model, weights
+from starling.calibration.photometry.levels import Side
+from starling.calibration.photometry.light_model import Formed, Image
+from starling.sim.render.layers import Mask
+from starling.sim.sensor.sensor import Sensor
 
 Array = NDArray[np.float32]
 

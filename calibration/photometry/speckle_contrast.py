@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from calibration.photometry import tiles
-from calibration.photometry.blocks import blocks, quietest, quietest_by_chance
-from calibration.photometry.levels import part
-from calibration.photometry.photometry_open import EVEN
-from calibration.photometry.prediction import Prediction
-from calibration.solution import Estimate
-from sim.imager import mixed, noise_e
-from sim.light import speckle
-from sim.sensor import Sensor
+from starling.calibration.least_squares import tiles
+from starling.calibration.photometry.blocks import blocks, quietest, quietest_by_chance
+from starling.calibration.photometry.levels import part
+from starling.calibration.photometry.photometry_open import EVEN
+from starling.calibration.photometry.prediction import Prediction
+from starling.calibration.solution import Estimate
+from starling.sim.imaging import speckle_field
+from starling.sim.imaging.imager import mixed, noise_e
+from starling.sim.sensor.sensor import Sensor
 
 SPECKLE = "projector.speckle_contrast"
 
@@ -174,7 +174,7 @@ def _kept(prediction: Prediction, sensor: Sensor) -> NDArray[np.float64]:
     point = np.zeros((size, size), np.float32)
     point[size // 2, size // 2] = 1
     kernel = mixed(imager, point).astype(np.float64)
-    grain_px = speckle.grain_px(
+    grain_px = speckle_field.grain_px(
         wavelength_nm=sensor.projector.wavelength_nm,
         f_number=imager.lens.f_number,
         pixel_pitch_m=imager.pixel_pitch_m,

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.photometry import tiles
-from calibration.photometry.light_model import Columns, Image
+from starling.calibration.least_squares import tiles
+from starling.calibration.photometry.light_model import Columns, Image
 
 Array = NDArray[np.float32]
 

@@ -6,14 +6,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.observation import Array, Observation, truth_px
-from calibration.plausibility import correspondence, depth_spread, preset_fit, reference_scale
-from calibration.plausibility.correspondence import Correspondences
-from calibration.plausibility.dots_seen import covered, see
-from calibration.plausibility.reference_scale import Scale
-from patterns.errors import refuse
-from sim.capture_info import CaptureInfo
-from sim.sensor import Sensor
+from starling.calibration.observation import Array, Observation, truth_px
+from starling.calibration.plausibility import (
+    correspondence,
+    depth_spread,
+    preset_fit,
+    reference_scale,
+)
+from starling.calibration.plausibility.correspondence import Correspondences
+from starling.calibration.plausibility.dots_seen import covered, see
+from starling.calibration.plausibility.reference_scale import Scale
+from starling.patterns.errors import refuse
+from starling.sim.captures.info import CaptureInfo
+from starling.sim.sensor.sensor import Sensor
 
 _DOTTED = 0.1  # Share of the windows that must show dots: 0.30 and more in captured rooms.
 _FEWEST = 100  # Dots: each read to 0.1 px, together they hold a pose to 0.01 px.

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.correlation import WINDOW_PX, high_passed
-from patterns.errors import refuse
+from starling.calibration.correlation import WINDOW_PX, high_passed
+from starling.patterns.errors import refuse
 
 Array = NDArray[np.float32]
 

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from calibration.correlation import WINDOW_PX, high_passed
-from calibration.plausibility.correspondence import Correspondences
-from sim import frames, projector
-from sim.capture_info import CaptureInfo
-from sim.sensor import Projector
+from starling.calibration.correlation import WINDOW_PX, high_passed
+from starling.calibration.plausibility.correspondence import Correspondences
+from starling.sim.captures.info import CaptureInfo
+from starling.sim.geometry import frames
+from starling.sim.render import emission
+from starling.sim.sensor.sensor import Projector
 
 Array = NDArray[np.float32]
 
@@ -87,18 +88,18 @@ def stated_per_deg2(part: Projector, focal_px: float) -> float:
     Raises:
         InputError: if the pattern cannot be had.
     """
-    half_x, half_y = projector.half_tangents(part)
+    half_x, half_y = emission.half_tangents(part)
     size = (
         max(WINDOW_PX, round(2 * half_x * focal_px)),
         max(WINDOW_PX, round(2 * half_y * focal_px)),
     )
     drawn = [
         cv2.resize(
-            projector.irradiance_at_unit_distance(part, number),
+            emission.irradiance_at_unit_distance(part, number),
             size,
             interpolation=cv2.INTER_AREA,
         )
-        for number in range(len(projector.emitters(part)))
+        for number in range(len(emission.emitters(part)))
     ]
     seen = high_passed(cv2.GaussianBlur(np.sum(drawn, axis=0), (0, 0), _IMAGER_BLUR_PX))
     starts = (range(0, length - WINDOW_PX + 1, WINDOW_PX) for length in seen.shape)
@@ -128,7 +129,7 @@ def covered(part: Projector, dots: DotsSeen, camera: CaptureInfo) -> NDArray[np.
     )
     local = np.linalg.inv(frames.pose(part.position_m, part.rotation_deg)) @ points
     ahead = local[:, local[2] > 0]
-    half_x, half_y = projector.half_tangents(part)
+    half_x, half_y = emission.half_tangents(part)
     column = np.floor((ahead[0] / ahead[2] / half_x + 1) / 2 * _CELLS[1]).astype(int)
     row = np.floor((ahead[1] / ahead[2] / half_y + 1) / 2 * _CELLS[0]).astype(int)
     inside = (row >= 0) & (row < _CELLS[0]) & (column >= 0) & (column < _CELLS[1])

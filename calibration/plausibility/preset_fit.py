@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.plausibility.dots_seen import stated_per_deg2
-from patterns.errors import refuse
-from sim import sensors
-from sim.capture_info import CaptureInfo
-from sim.sensor import Sensor
+from starling.calibration.plausibility.dots_seen import stated_per_deg2
+from starling.patterns.errors import refuse
+from starling.sim.captures.info import CaptureInfo
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Sensor
 
 # Ratios up to which a preset fits.
 _FIELD = 1.2  # Modes cropped to 4:3 differ by 1.18 from the whole imager's.
@@ -62,7 +62,7 @@ def check(info: CaptureInfo, sensor: Sensor, dots_per_deg2: float | None) -> tup
     Raises:
         InputError: as above; the message names the preset that fits better.
     """
-    nominal = sensors.load(sensor.name) if sensor.name in sensors.names() else None
+    nominal = presets.load(sensor.name) if sensor.name in presets.names() else None
     own = _fit(info, nominal, sensor, dots_per_deg2)
     if own.geometry_fits and own.dots_fit:
         return ()
@@ -91,7 +91,7 @@ def _fit(info: CaptureInfo, nominal: Sensor | None, lit: Sensor, dots: float | N
 
 def _better(info: CaptureInfo, sensor: Sensor, dots: float | None) -> str | None:
     """Name of the preset that fits best, None if none fits."""
-    others = (sensors.load(name) for name in sensors.names() if name != sensor.name)
+    others = (presets.load(name) for name in presets.names() if name != sensor.name)
     fits = {
         other.name: _fit(info, other, other, dots) for other in others if other.kind == sensor.kind
     }

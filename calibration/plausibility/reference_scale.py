@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.correlation import WINDOW_PX
-from calibration.plausibility.correspondence import Correspondences
-from patterns.errors import refuse
+from starling.calibration.correlation import WINDOW_PX
+from starling.calibration.plausibility.correspondence import Correspondences
+from starling.patterns.errors import refuse
 
 FEWEST = 20  # Windows of a scene below which nothing is said of it.
 _YAW = np.deg2rad(0.12)  # Disparities agree if they differ by what this turn of an imager does,

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.heldout import Scored
-from calibration.result import Calibration
-from calibration.solution import Estimate
+from starling.calibration.heldout import Scored
+from starling.calibration.result import Calibration
+from starling.calibration.solution import Estimate
 
 _NAN = float("nan")
 
 
 def figures(calibration: Calibration) -> dict[str, Any]:
-    """Put a calibration into plain values; what cannot be had is NaN (`sim.record.dumps`: null).
+    """Put a calibration into plain values; what cannot be had is NaN (`starling.sim.console.record.dumps`: null).
 
     Returns:
         - `parameters`, `derived`: by name `value`, `sd`, `unit`, `start`; of a name that several

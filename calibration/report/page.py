@@ -7,14 +7,11 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-from calibration.report import figures as report
-from calibration.report import heldout as report_heldout
-from calibration.report import pattern as report_pattern
-from calibration.report import tables as report_tables
-from calibration.report.elements import TIMES, counted, listed, number, sentences, table
-from calibration.report.style import STYLE
-from calibration.result import Calibration
-from calibration.solution import Solution
+from starling.calibration.report import figures, heldout_section, pattern_section, tables
+from starling.calibration.result import Calibration
+from starling.calibration.solution import Solution
+from starling.sim.report.elements import TIMES, counted, listed, number, sentences, table
+from starling.sim.report.style import STYLE
 
 _SECTIONS = {
     "parameters": "What was fitted",
@@ -29,15 +26,15 @@ _SECTIONS = {
 def page(calibration: Calibration) -> str:
     """Write a calibration as an HTML page: inline style, pictures inside, no scripts.
 
-    The figures are those of `calibration.report.figures`; pictures show the held-out scenes that
+    The figures are those of `starling.calibration.report.figures`; pictures show the held-out scenes that
     came out best, middling and worst.
     """
-    found = report.figures(calibration)
+    found = figures.figures(calibration)
     bodies = {
         "parameters": _parameters(calibration),
         "open": _open(calibration),
-        "heldout": report_heldout.section(calibration, found["heldout"]),
-        "pattern": report_pattern.section(calibration.recovered) if calibration.recovered else "",
+        "heldout": heldout_section.section(calibration, found["heldout"]),
+        "pattern": pattern_section.section(calibration.recovered) if calibration.recovered else "",
         "correlation": _correlation(calibration.solutions),
         "fit": _fit(calibration, found),
     }
@@ -99,18 +96,18 @@ def _parameters(calibration: Calibration) -> str:
         "imager: x right, y down, z forward.</p>"
     ]
     for name, solution in calibration.solutions.items():
-        common = [one for one in solution.estimates if not report.scene_parameter(one.name)[1]]
-        own = [one for one in solution.estimates if report.scene_parameter(one.name)[1]]
+        common = [one for one in solution.estimates if not figures.scene_parameter(one.name)[1]]
+        own = [one for one in solution.estimates if figures.scene_parameter(one.name)[1]]
         parts.append(f"<h3>{escape(name.capitalize())}</h3>")
         if common:
-            parts.append(report_tables.estimates(common))
+            parts.append(tables.estimates(common))
         if solution.derived:
             parts.append("<h4>Derived: combinations, and what follows from the above</h4>")
-            parts.append(report_tables.estimates(solution.derived))
+            parts.append(tables.estimates(solution.derived))
         if own:
             parts.append(
                 f"<details><summary>{counted(len(own), 'number')} of single scenes</summary>"
-                f"{report_tables.estimates(own)}</details>"
+                f"{tables.estimates(own)}</details>"
             )
     return "".join(parts)
 
@@ -126,8 +123,8 @@ def _open(calibration: Calibration) -> str:
 def _correlation(solutions: Mapping[str, Solution]) -> str:
     parts = [
         f"<h3>{escape(name.capitalize())}</h3>"
-        + report_tables.strongest(solution)
-        + report_tables.correlations(solution)
+        + tables.strongest(solution)
+        + tables.correlations(solution)
         for name, solution in solutions.items()
         if len(solution.estimates) > 1
     ]
@@ -152,7 +149,7 @@ def _fit(calibration: Calibration, found: dict[str, Any]) -> str:
     ]
     stages = [[escape(name), number(value, ".1f")] for name, value in found["stages"].items()]
     stages.append(["Total", number(found["seconds"], ".1f")])
-    scenes = report_tables.scenes(found["scenes"]) if found["scenes"] else ""
+    scenes = tables.scenes(found["scenes"]) if found["scenes"] else ""
     return (
         "<p>Cost: what the fit brings down, at its start and end. Of images it is the weighted "
         "mean squared residual, where noise alone makes 1.</p>"

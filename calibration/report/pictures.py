@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.correlation import high_passed
-from calibration.heldout import Scored, Side
-from calibration.pattern.unprojected import PatternImage
-from sim import png
+from starling.calibration.correlation import high_passed
+from starling.calibration.heldout import Scored, Side
+from starling.calibration.pattern.unprojected import PatternImage
+from starling.sim.captures import png
 
 Array = NDArray[np.floating[Any]]
 Image = TypeVar("Image", Array, NDArray[np.uint8], NDArray[np.bool_])

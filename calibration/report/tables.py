@@ -9,8 +9,8 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.report.elements import NONE, PLUS_MINUS, number, table
-from calibration.solution import Estimate, Solution
+from starling.calibration.solution import Estimate, Solution
+from starling.sim.report.elements import NONE, PLUS_MINUS, number, table
 
 _LEAST_SHOWN = 0.005  # A correlation below is 0.00.
 _STRONG = 0.9  # Of a correlation: what moves together to be named.

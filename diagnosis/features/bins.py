@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.ground import Image, Mask, Pixels
-from sim.metrics import MAD_TO_SIGMA
+from starling.diagnosis.scenes.strata import Image, Mask, Pixels
+from starling.sim.metrics import MAD_TO_SIGMA
 
 FEWEST = 100  # Pixels that a bin must hold.
 _LEAST = 1e-6  # Of what a logarithm is taken.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagnosis.features import bins
-from diagnosis.ground import FAR_OFF_PX, Ground, Image
+from starling.diagnosis.features import bins
+from starling.diagnosis.scenes.strata import FAR_OFF_PX, Ground, Image
 
 _PLACES = ("depth", "x", "y", "radius", "level", "incidence")
 

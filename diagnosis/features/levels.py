@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.features import bins
-from diagnosis.ground import Ground, Image, Mask
+from starling.diagnosis.features import bins
+from starling.diagnosis.scenes.strata import Ground, Image, Mask
 
 _PERCENTILES = (1, 5, 25, 50, 75, 95, 99, 99.9)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagnosis.features import bins
-from diagnosis.ground import FAR_OFF_PX, Ground, Image
+from starling.diagnosis.features import bins
+from starling.diagnosis.scenes.strata import FAR_OFF_PX, Ground, Image
 
 _PLACES = ("edge", "level", "depth")
 _MOST_PX = 1.0  # Apart: beyond, one of them is a wrong match, and how wrong tells nothing.

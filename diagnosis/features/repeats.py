@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.features import bins
-from diagnosis.ground import Ground
+from starling.diagnosis.features import bins
+from starling.diagnosis.scenes.strata import Ground
 
 
 def infrared(frames: NDArray, ground: Ground) -> dict[str, float]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagnosis.features import bins
-from diagnosis.ground import Ground, Image
+from starling.diagnosis.features import bins
+from starling.diagnosis.scenes.strata import Ground, Image
 
 _WINDOW_PX = 15
 _OUTLIER = 6.0  # Robust deviations.

@@ -9,8 +9,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from diagnosis.features import bins
-from diagnosis.ground import Ground, Image
+from starling.diagnosis.features import bins
+from starling.diagnosis.scenes.strata import Ground, Image
 
 STEP_PX = 0.7  # Shift to both sides of the expected place.
 _WINDOW_PX = 15

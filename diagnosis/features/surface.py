@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from diagnosis.features import bins
-from diagnosis.ground import Ground, Image
+from starling.diagnosis.features import bins
+from starling.diagnosis.scenes.strata import Ground, Image
 
 _LAGS_PX = (1, 2, 4, 8, 16)
 _PIECES_PX = (30, 100, 300, 1000)

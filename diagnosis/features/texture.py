@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from diagnosis.features import bins
-from diagnosis.ground import Ground, Image
+from starling.diagnosis.features import bins
+from starling.diagnosis.scenes.strata import Ground, Image
 
 _SHIFTS = ((1, 0), (2, 0), (3, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, -1))  # (x, y) [px].
 

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.ground import FAR_OFF_PX, Ground, Image, Mask
-from diagnosis.howfar import holes
-from diagnosis.reading import Reading
-from learning.physics_probability import drawn_probability
+from starling.diagnosis.howfar import holes
+from starling.diagnosis.scenes.observation import Reading
+from starling.diagnosis.scenes.strata import FAR_OFF_PX, Ground, Image, Mask
+from starling.learning.data.physics_probability import drawn_probability
 
 _QUANTILES = np.linspace(0.005, 0.995, 199)
 _LEAST_DN = 0.3  # Deviation of a code that no camera is below: rounding's.

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from diagnosis.ground import Image, Mask
-from learning.figures.judged import judge
-from learning.figures.proper_scores import brier
-from learning.figures.reliability import reliability
-from learning.figures.roc import roc
+from starling.diagnosis.scenes.strata import Image, Mask
+from starling.learning.evaluation.figures.judged import judge
+from starling.learning.evaluation.figures.proper_scores import brier
+from starling.learning.evaluation.figures.reliability import reliability
+from starling.learning.evaluation.figures.roc import roc
 
 
 def figures(told: Image, real: Mask, counted: Mask) -> dict[str, float]:

@@ -16,20 +16,20 @@ from pathlib import Path
 
 import numpy as np
 
-from diagnosis.howfar import holes
-from diagnosis.howfar.closed import closed
-from diagnosis.howfar.judged import DRAWS, OTHER, Settings
-from diagnosis.reading import Reading
-from diagnosis.subject import Subject
-from learning.example import Example, Physics
-from learning.learnable import known_holes
-from learning.method import Method
-from learning.physics_probability import physics_probability
-from patterns.errors import refuse
-from sim import progress
-from sim.depth import depth_from_disparity
+from starling.diagnosis.howfar import holes
+from starling.diagnosis.howfar.evaluation import DRAWS, OTHER, Settings
+from starling.diagnosis.howfar.reduction import closed
+from starling.diagnosis.scenes.observation import Reading
+from starling.diagnosis.scenes.scene_model import Subject
+from starling.learning.data.example import Example, Physics
+from starling.learning.data.learnable import known_holes
+from starling.learning.data.physics_probability import physics_probability
+from starling.learning.method import Method
+from starling.patterns.errors import refuse
+from starling.sim.console import progress
+from starling.sim.stereo.depth import depth_from_disparity
 
-METHOD = "hybrid"  # Of `learning.registry`.
+METHOD = "hybrid"  # Of `starling.learning.registry`.
 _SEED = 0
 _BRIER = "ndp_brier"
 _GAIN = "gain"
@@ -54,7 +54,7 @@ class Absorption:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Residual:
-    """What was learnt, judged on locked scenes; figures by `diagnosis.howfar.holes`."""
+    """What was learnt, judged on locked scenes; figures by `starling.diagnosis.howfar.holes`."""
 
     alone: dict[str, float]  # Of the base's physics, mean over scenes.
     bound: dict[str, float]  # With the residual.
@@ -95,7 +95,7 @@ def learn(
 
     Raises:
         InputError: if no scene is locked, or nothing can be learnt from those that are asked
-            (`learning.learnable`).
+            (`starling.learning.data.learnable`).
     """
     if not locked:
         raise refuse("locked scenes", "must be at least 1", 0, "Take captures of four rooms.")

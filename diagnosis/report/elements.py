@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Literal
 
-from calibration.report.elements import NONE, number
+from starling.sim.report.elements import NONE, number
 
 Kind = Literal["first", "second", "third", "part"]
 

@@ -6,17 +6,17 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from diagnosis.diagnosis import Diagnosis
-from diagnosis.howfar.judged import Judged
-from diagnosis.howfar.residual import Residual
-from diagnosis.report import sentences
-from diagnosis.where import frames
-from diagnosis.which.arm import Found
-from diagnosis.which.search import Accepted
+from starling.diagnosis.diagnosis import Diagnosis
+from starling.diagnosis.howfar.evaluation import Judged
+from starling.diagnosis.howfar.residual import Residual
+from starling.diagnosis.report import sentences
+from starling.diagnosis.where import frames
+from starling.diagnosis.which.search import Accepted
+from starling.diagnosis.which.segment import Found
 
 
 def figures(of: Diagnosis) -> dict[str, Any]:
-    """Return what `starling diagnose --json` prints; NaN is null there (`sim.record.dumps`)."""
+    """Return what `starling diagnose --json` prints; NaN is null there (`starling.sim.console.record.dumps`)."""
     return {
         "verdict": of.kind,
         "against": of.against,

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from html import escape
 
-from calibration.report.elements import counted, listed, number, sentences, table
-from calibration.report.style import STYLE as COMMON
-from diagnosis.diagnosis import Diagnosis
-from diagnosis.named import LOCKED
-from diagnosis.report import howfar, where, which
-from diagnosis.report import sentences as said
-from diagnosis.report.elements import prose
-from diagnosis.report.style import STYLE
-from diagnosis.report.words import words
-from diagnosis.which import null
-from diagnosis.which.arm import BEYOND_NOISE, OF_BEFORE, UNEXPLAINED
-from diagnosis.which.candidates import Arm
-from diagnosis.which.likelihood import TAU
+from starling.diagnosis.diagnosis import Diagnosis
+from starling.diagnosis.report import howfar_section, where_section, which_section
+from starling.diagnosis.report import sentences as said
+from starling.diagnosis.report.elements import prose
+from starling.diagnosis.report.style import STYLE
+from starling.diagnosis.report.words import words
+from starling.diagnosis.which import null
+from starling.diagnosis.which.attribution import LOCKED
+from starling.diagnosis.which.candidates import Arm
+from starling.diagnosis.which.likelihood import TAU
+from starling.diagnosis.which.segment import BEYOND_NOISE, OF_BEFORE, UNEXPLAINED
+from starling.sim.report.elements import counted, listed, number, sentences, table
+from starling.sim.report.style import STYLE as COMMON
 
 _VERDICTS = {
     "effects": "Consistent with known effects",
@@ -30,9 +30,9 @@ _QUESTIONS = ("Where", "Which", "How far")
 def page(of: Diagnosis) -> str:
     """Write a diagnosis as an HTML page: inline style, pictures inside, no scripts."""
     bodies = {
-        "where": ("Where the gap lies", where.section(of)),
-        "which": ("Which effects it is consistent with", which.section(of)),
-        "howfar": ("How far it closes", howfar.section(of)),
+        "where": ("Where the gap lies", where_section.section(of)),
+        "which": ("Which effects it is consistent with", which_section.section(of)),
+        "howfar": ("How far it closes", howfar_section.section(of)),
         "made": ("How this was made", _made(of)),
     }
     links = "".join(f'<a href="#{key}">{title}</a>' for key, (title, _) in bodies.items())

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.report.pictures import fitting
-from diagnosis.ground import Ground, Image
-from diagnosis.where.maps import Map
-from sim import png
+from starling.calibration.report.pictures import fitting
+from starling.diagnosis.scenes.strata import Ground, Image
+from starling.diagnosis.where.maps import Map
+from starling.sim.captures import png
 
 Colours = NDArray[np.uint8]  # (h, w, 3) red, green, blue.
 

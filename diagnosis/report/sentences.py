@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from diagnosis.diagnosis import Diagnosis
-from diagnosis.howfar.closed import Closed
-from diagnosis.report import groups
-from diagnosis.report.words import words
-from diagnosis.where import frames
-from diagnosis.which.arm import Found
-from diagnosis.which.search import Accepted
-from sim.effects.effect import Value
+from starling.diagnosis.diagnosis import Diagnosis
+from starling.diagnosis.howfar.reduction import Closed
+from starling.diagnosis.report import group_names
+from starling.diagnosis.report.words import words
+from starling.diagnosis.where import frames
+from starling.diagnosis.which.search import Accepted
+from starling.diagnosis.which.segment import Found
+from starling.sim.effects.effect import Value
 
 _SUMMARY = {"ndp_brier": "holes (Brier score)"}  # Figures that one sentence has room for.
 STAGES = {
@@ -87,9 +87,9 @@ def with_stand_ins(of: Diagnosis) -> bool:
 
 def lead(arm: Found) -> str:
     """Name what an arm leaves unexplained."""
-    said = [", ".join(map(groups.told, arm.lead))] if arm.lead else []
+    said = [", ".join(map(group_names.told, arm.lead))] if arm.lead else []
     if arm.varying:
-        said.append(f"{', '.join(map(groups.told, arm.varying))}, in each scene otherwise")
+        said.append(f"{', '.join(map(group_names.told, arm.varying))}, in each scene otherwise")
     return "; ".join(said) or "no single group of features"
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from diagnosis.rooms import FEWEST, LEVEL
-from diagnosis.where.maps import CAMERA, PROJECTOR, Frame, Map
+from starling.diagnosis.scenes.rooms import FEWEST, LEVEL
+from starling.diagnosis.where.maps import CAMERA, PROJECTOR, Frame, Map
 
 Stays = Frame | Literal["both"]
 

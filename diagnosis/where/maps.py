@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from diagnosis.ground import FAR_OFF_PX, Ground, Mask
-from diagnosis.reading import Reading
-from diagnosis.rooms import FEWEST, means
-from sim.scene import Scene
-from sim.statistics import mean_known
+from starling.diagnosis.scenes.observation import Reading
+from starling.diagnosis.scenes.rooms import FEWEST, means
+from starling.diagnosis.scenes.strata import FAR_OFF_PX, Ground, Mask
+from starling.sim.scene.scene import Scene
+from starling.sim.statistics import mean_known
 
 Frame = Literal["camera", "projector"]
 

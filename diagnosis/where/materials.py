@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from diagnosis.ground import Ground, Mask
-from sim.scene import Scene
+from starling.diagnosis.scenes.strata import Ground, Mask
+from starling.sim.scene.scene import Scene
 
 
 def materials(scene: Scene, ground: Ground) -> dict[str, Mask]:

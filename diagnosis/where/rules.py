@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.tree import DecisionTreeRegressor
 
-from diagnosis.ground import Ground, Mask
-from diagnosis.rooms import means
-from diagnosis.where.table import share
+from starling.diagnosis.scenes.rooms import means
+from starling.diagnosis.scenes.strata import Ground, Mask
+from starling.diagnosis.where.covariates import share
 
 Limits = dict[str, tuple[float, float]]  # By covariate, from and to.
 

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.ground import Ground
-from diagnosis.reading import Reading
-from diagnosis.rooms import FEWEST, draws, mean_interval
-from sim import metrics
+from starling.diagnosis.scenes.observation import Reading
+from starling.diagnosis.scenes.rooms import FEWEST, draws, mean_interval
+from starling.diagnosis.scenes.strata import Ground
+from starling.sim import metrics
 
 Difference = tuple[float, float | None, float | None]  # No ends where rooms are too few.
 

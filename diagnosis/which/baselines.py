@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.which.bench import Table
-from diagnosis.which.fit import places
-from diagnosis.which.likelihood import Likelihood
-from diagnosis.which.signature import Signature
+from starling.diagnosis.which.fit import places
+from starling.diagnosis.which.likelihood import Likelihood
+from starling.diagnosis.which.response import Signature
+from starling.diagnosis.which.table import Table
 
 _STEPS = 4  # Strengths tried between two nodes.
 

@@ -9,11 +9,11 @@ from enum import Enum
 
 import numpy as np
 
-from sim import effects
-from sim.effects import setting
-from sim.effects.effect import Effect, Parameter, Stage, Value
-from sim.scene import Scene
-from sim.sensor import Sensor
+from starling.sim import effects
+from starling.sim.effects import setting as setting
+from starling.sim.effects.effect import Effect, Parameter, Stage, Value
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor.sensor import Sensor
 
 _NODES = 4  # Strengths of an effect, to each side where it has two.
 _LEAST = 1 / 30  # The weakest over the strongest, of effects of both signs.

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from diagnosis.rooms import draws as drawn_anew
-from diagnosis.which.likelihood import Likelihood
-from diagnosis.which.made import Made, stacked
-from diagnosis.which.signature import Signature
-from sim.effects.effect import Value
+from starling.diagnosis.scenes.rooms import draws as drawn_anew
+from starling.diagnosis.which.likelihood import Likelihood
+from starling.diagnosis.which.predicted import Made, stacked
+from starling.diagnosis.which.response import Signature
+from starling.sim.effects.effect import Value
 
 FOLDS = 4
 _STEPS = 16  # Places tried between two nodes.

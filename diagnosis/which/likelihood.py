@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.which.bench import Table
-from diagnosis.which.made import Made
-from diagnosis.which.signature import Signature
+from starling.diagnosis.which.predicted import Made
+from starling.diagnosis.which.response import Signature
+from starling.diagnosis.which.table import Table
 
 FREEDOM = 4.0  # Of Student's t: a feature that the simulator gets wrong must not decide alone.
 TAU = 0.2  # Share of its own size by which what effects make is taken to be wrong.

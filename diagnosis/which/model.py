@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.which.fit import Fit, fit
-from diagnosis.which.likelihood import Likelihood
-from diagnosis.which.made import Made
-from diagnosis.which.signature import Signature
-from diagnosis.which.trial import Trial
-from sim.effects.effect import Value
+from starling.diagnosis.which.fit import Fit, fit
+from starling.diagnosis.which.likelihood import Likelihood
+from starling.diagnosis.which.predicted import Made
+from starling.diagnosis.which.response import Signature
+from starling.diagnosis.which.trial import Trial
+from starling.sim.effects.effect import Value
 
 ROUNDS = 3  # Of fitting each effect given the others.
 

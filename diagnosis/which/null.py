@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.which.bench import Bench, Table
-from diagnosis.which.candidates import Arm
-from diagnosis.which.fit import fit
-from diagnosis.which.likelihood import TAU, Likelihood
-from diagnosis.which.signature import Signature
-from sim.effects.effect import Value
-from sim.statistics import mean_known
+from starling.diagnosis.which.candidates import Arm
+from starling.diagnosis.which.fit import fit
+from starling.diagnosis.which.likelihood import TAU, Likelihood
+from starling.diagnosis.which.response import Signature
+from starling.diagnosis.which.table import Bench, Table
+from starling.sim.effects.effect import Value
+from starling.sim.statistics import mean_known
 
 SEEDS = 8
 FLOOR = 0.02  # What the simulator is taken to be wrong by in every feature, in its own unit.

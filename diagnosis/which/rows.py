@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.features import reading as features
-from diagnosis.reading import Reading
-from diagnosis.subject import Subject
-from diagnosis.which.candidates import Arm
-from patterns.errors import InputError
-from sim.effects.effect import Value
+from starling.diagnosis.features import observation as features
+from starling.diagnosis.scenes.observation import Reading
+from starling.diagnosis.scenes.scene_model import Subject
+from starling.diagnosis.which.candidates import Arm
+from starling.patterns.errors import InputError
+from starling.sim.effects.effect import Value
 
 Row = NDArray[np.float64]  # (features,)
 

@@ -8,16 +8,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from diagnosis.rooms import draws
-from diagnosis.which.bench import Table
-from diagnosis.which.candidates import Candidate
-from diagnosis.which.fit import Fit, held_out, places
-from diagnosis.which.made import Made, stacked
-from diagnosis.which.model import ROUNDS, Model, simulated
-from diagnosis.which.signature import Signature, signature
-from diagnosis.which.strengths import coarse, sharper
-from diagnosis.which.trial import Trial
-from sim.effects.effect import Stage, Value
+from starling.diagnosis.scenes.rooms import draws
+from starling.diagnosis.which.candidates import Candidate
+from starling.diagnosis.which.fit import Fit, held_out, places
+from starling.diagnosis.which.model import ROUNDS, Model, simulated
+from starling.diagnosis.which.predicted import Made, stacked
+from starling.diagnosis.which.response import Signature, signature
+from starling.diagnosis.which.strengths import coarse, sharper
+from starling.diagnosis.which.table import Table
+from starling.diagnosis.which.trial import Trial
+from starling.sim.effects.effect import Stage, Value
 
 MOST = 4  # Effects in one verdict.
 _CLOSER = 12  # Candidates that are simulated at more strengths,

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from diagnosis.which.candidates import Arm, Candidate
-from diagnosis.which.fit import Fit
-from diagnosis.which.made import Made
-from diagnosis.which.signature import Signature, with_node
-from diagnosis.which.trial import Trial
-from sim.effects import setting
-from sim.effects.effect import Stage, Value
+from starling.diagnosis.which.candidates import Arm, Candidate
+from starling.diagnosis.which.fit import Fit
+from starling.diagnosis.which.predicted import Made
+from starling.diagnosis.which.response import Signature, with_node
+from starling.diagnosis.which.trial import Trial
+from starling.sim.effects import setting as setting
+from starling.sim.effects.effect import Stage, Value
 
 _SHARP = 4  # Candidates that are simulated where they fit best,
 _PROMISING = 0.5  # Of the threshold, that the best of them gains,

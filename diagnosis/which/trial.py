@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from diagnosis.which.bench import Bench
-from diagnosis.which.fit import Fit, Folds, fit
-from diagnosis.which.likelihood import Likelihood, total
-from diagnosis.which.made import Made
-from diagnosis.which.signature import Signature
+from starling.diagnosis.which.fit import Fit, Folds, fit
+from starling.diagnosis.which.likelihood import Likelihood, total
+from starling.diagnosis.which.predicted import Made
+from starling.diagnosis.which.response import Signature
+from starling.diagnosis.which.table import Bench
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

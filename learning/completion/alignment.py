@@ -18,8 +18,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.completion.frame import Image, Mask
-from patterns.errors import InputError, one_of, positive, refuse
+from starling.learning.completion.frame import Image, Mask
+from starling.patterns.errors import InputError, one_of, positive, refuse
 
 Target = Literal["none", "sensor", "truth"]
 TARGETS: tuple[Target, ...] = ("none", "sensor", "truth")

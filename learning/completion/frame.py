@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from patterns.errors import refuse
+from starling.patterns.errors import refuse
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]

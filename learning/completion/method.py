@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.completion.frame import Frame, Image, checked
+from starling.learning.completion.frame import Frame, Image, checked
 
 CANNOT = "cannot: no pixel has depth to go by"
 NOTHING = "nothing to complete: every pixel has depth"

@@ -5,18 +5,18 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from learning import shipped
-from learning.completion.method import Method
-from patterns import errors
+from starling.learning import shipped
+from starling.learning.completion.method import Method
+from starling.patterns import errors
 
-_CLASSICAL = {  # Module under `learning.completion.classical`, and class.
+_CLASSICAL = {  # Module under `starling.learning.completion.classical`, and class.
     "nearest": ("nearest", "Nearest"),
     "morphological": ("morphological", "Morphological"),
     "bilateral": ("bilateral", "Bilateral"),
     "wls": ("wls", "WeightedLeastSquares"),
     "poisson": ("poisson", "Poisson"),
 }
-_LEARNT = {  # Module under `learning.completion` whose `load` takes a folder of weights.
+_LEARNT = {  # Module under `starling.learning.completion` whose `load` takes a folder of weights.
     "small": "small.small",
     "diffusion": "diffusion.method",
     "marigold": "baselines.marigold",
@@ -45,14 +45,14 @@ def asked(word: str) -> Method:
         if equals:
             raise errors.refuse(name, "must come without weights", word, "Leave out the =.")
         module, kind = _CLASSICAL[name]
-        made: Any = getattr(import_module(f"learning.completion.classical.{module}"), kind)
+        made: Any = getattr(import_module(f"starling.learning.completion.classical.{module}"), kind)
         return made()
     if name == "small" and not equals:
         weights = str(shipped.COMPLETION)
     if not weights:
         raise errors.refuse(name, "must come with weights", word, f"As {name}=FOLDER.")
     try:
-        return import_module(f"learning.completion.{_LEARNT[name]}").load(weights)
+        return import_module(f"starling.learning.completion.{_LEARNT[name]}").load(weights)
     except ModuleNotFoundError as error:
         extra = "learning" if name == "small" else "completion"
         raise errors.needs(name, str(error.name), extra) from error

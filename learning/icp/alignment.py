@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from learning.example import Image, Mask
-from learning.icp.cloud import Cloud, Points, Surface
-from learning.icp.objects import Piece
-from patterns import errors
+from starling.learning.data.example import Image, Mask
+from starling.learning.icp.cloud import Cloud, Points, Surface
+from starling.learning.icp.objects import Piece
+from starling.patterns import errors
 
 MARGIN_M = 0.1  # The scene reaches this far beyond the object.
 MODEL_POINTS = 1000  # Of an object, drawn from its surface.

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from learning import drawn_frame
-from learning.evaluation import Told
-from learning.icp import comparison, objects, study
-from learning.icp.alignment import Disturbance
-from learning.icp.objects import Piece
-from learning.icp.study import REAL, Outcome
-from patterns import errors
-from patterns.errors import InputError
-from sim import progress
-from sim.capture import CapturedScene, CaptureSet
+from starling.learning.evaluation.evaluate import Told
+from starling.learning.icp import comparison, objects, study
+from starling.learning.icp.alignment import Disturbance
+from starling.learning.icp.objects import Piece
+from starling.learning.icp.study import REAL, Outcome
+from starling.learning.sampling import drawn_frame
+from starling.patterns import errors
+from starling.patterns.errors import InputError
+from starling.sim.captures.capture import CapturedScene, CaptureSet
+from starling.sim.console import progress
 
 _SLIGHT = Disturbance()
 

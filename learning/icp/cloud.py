@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.example import Image, Mask
-from learning.geometry import planes
-from sim.capture_info import CaptureInfo
+from starling.learning.data.example import Image, Mask
+from starling.sim.captures.info import CaptureInfo
+from starling.sim.geometry import planes
 
 Points = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.icp.study import Outcome
-from patterns import errors
-from patterns.whole import whole
+from starling.learning.icp.study import Outcome
+from starling.patterns import errors
+from starling.patterns.whole import whole
 
 
 class Four(NamedTuple):

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.example import Image, Mask
-from learning.icp import cloud, segments
-from learning.icp.cloud import Cloud, Points, Surface
-from patterns import errors
-from sim.capture_info import CaptureInfo
+from starling.learning.data.example import Image, Mask
+from starling.learning.icp import cloud, segments
+from starling.learning.icp.cloud import Cloud, Points, Surface
+from starling.patterns import errors
+from starling.sim.captures.info import CaptureInfo
 
 LEFT_BAND_PX = 100  # Columns in which a pair has no depth; no object may reach into them.
 FEWEST_PX = 1500  # An object of fewer pixels says little.

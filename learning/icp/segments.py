@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from learning.example import Image, Mask
-from learning.icp import cloud
-from learning.icp.cloud import Surface
+from starling.learning.data.example import Image, Mask
+from starling.learning.icp import cloud
+from starling.learning.icp.cloud import Surface
 
 _CREASE_PX = 5  # A crease is looked for between pixels this far on both sides [px].
 _CREASE_COS = float(np.cos(np.radians(20)))  # Surfaces that bend less are smooth.

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.example import Image, Mask
-from learning.icp import alignment, cloud
-from learning.icp.alignment import Disturbance
-from learning.icp.cloud import Cloud, Points, Surface
-from learning.icp.objects import Piece
-from patterns import errors
-from patterns.whole import whole
-from sim import progress
-from sim.capture_info import CaptureInfo
-from sim.randomness import generator
+from starling.learning.data.example import Image, Mask
+from starling.learning.icp import alignment, cloud
+from starling.learning.icp.alignment import Disturbance
+from starling.learning.icp.cloud import Cloud, Points, Surface
+from starling.learning.icp.objects import Piece
+from starling.patterns import errors
+from starling.patterns.whole import whole
+from starling.sim.captures.info import CaptureInfo
+from starling.sim.console import progress
+from starling.sim.randomness import generator
 
 REAL = "real"  # The device's own depth image, which all others are compared with.
 LEAST_VISIBLE = 0.1  # An object of which less than this share has depth is hidden.

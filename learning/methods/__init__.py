@@ -1,1 +1,1 @@
-"""The ways to predict no-depth pixels, each behind `learning.method.Method`."""
+"""The ways to predict no-depth pixels, each behind `starling.learning.method.Method`."""

@@ -14,11 +14,11 @@ from typing import ClassVar
 
 from torch import Tensor, nn
 
-from learning.example import Example
-from learning.training.learner import Draw, Learner, descend, initialised, sparing
-from learning.training.samples import Batch
-from learning.training.settings import Settings
-from learning.training.translation import (
+from starling.learning.data.example import Example
+from starling.learning.networks.training.learner import Draw, Learner, descend, initialised, sparing
+from starling.learning.networks.training.samples import Batch
+from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.training.translation import (
     ADVERSARIAL,
     DEPTH,
     PatchDiscriminator,
@@ -30,7 +30,7 @@ from learning.training.translation import (
     linear_decay,
     load_translation,
 )
-from sim import progress
+from starling.sim.console import progress
 
 CYCLE_WEIGHT = 10.0  # Against the discriminators' verdicts (Zhu et al., sec. 4).
 IDENTITY_WEIGHT = 5.0  # Half of it (sec. 5.2).
@@ -92,7 +92,7 @@ class CycleGan:
         """Learn, or go on with what lies in the folder, and leave the weights there.
 
         Raises:
-            InputError: as `learning.training.translation.fit_translation`.
+            InputError: as `starling.learning.networks.training.translation.fit_translation`.
         """
         build = partial(PatchDiscriminator, 1)
         generators = [initialised(Translator, seed + number) for number in range(2)]
@@ -113,6 +113,6 @@ class CycleGan:
         """Read what `fit` has left in its folder.
 
         Raises:
-            InputError: as `learning.training.weights.load`.
+            InputError: as `starling.learning.networks.training.weights.load`.
         """
         return load_translation(folder, self.name, Translator(), DEPTH)

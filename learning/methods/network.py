@@ -13,15 +13,15 @@ from pathlib import Path
 from scipy.special import expit
 from torch import nn
 
-from learning import inference
-from learning.example import Example, Image
-from learning.training import weights
-from learning.training.channels import channels, names
-from learning.training.hole_network import fit_hole_network
-from learning.training.samples import check_same_size
-from learning.training.settings import Settings
-from learning.unet import UNet
-from sim import progress
+from starling.learning.data.example import Example, Image
+from starling.learning.networks import inference
+from starling.learning.networks.training import weights
+from starling.learning.networks.training.channels import channels, names
+from starling.learning.networks.training.hole_network import fit_hole_network
+from starling.learning.networks.training.samples import check_same_size
+from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.unet import UNet
+from starling.sim.console import progress
 
 _DEFAULTS = Settings()
 
@@ -69,7 +69,7 @@ class Network:
         """Learn, or go on with what lies in the folder, and leave the weights there.
 
         Raises:
-            InputError: as `learning.training.samples.collect` and `learning.training.loop.train`.
+            InputError: as `starling.learning.networks.training.samples.collect` and `starling.learning.networks.training.loop.train`.
         """
         network = fit_hole_network(
             examples,
@@ -88,7 +88,7 @@ class Network:
         """Read what `fit` of the same kind has left in its folder.
 
         Raises:
-            InputError: as `learning.training.weights.load`.
+            InputError: as `starling.learning.networks.training.weights.load`.
         """
         network = self.unlearnt()
         shape = weights.load(folder, self.name, network, self._seen)

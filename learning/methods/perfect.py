@@ -9,8 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from learning.example import Example, Image
-from sim import progress
+from starling.learning.data.example import Example, Image
+from starling.sim.console import progress
 
 
 @dataclass(frozen=True, slots=True)

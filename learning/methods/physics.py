@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from learning import model_file
-from learning.example import Example, Image
-from learning.learnable import check_learnable, known_holes
-from learning.physics_probability import physics_probability
-from learning.recalibration import Recalibration, fit_recalibration
-from learning.training.channels import given_physics
-from sim import progress
+from starling.learning.data.example import Example, Image
+from starling.learning.data.learnable import check_learnable, known_holes
+from starling.learning.data.physics_probability import physics_probability
+from starling.learning.methods import model_file
+from starling.learning.methods.recalibration import Recalibration, fit_recalibration
+from starling.learning.networks.training.channels import given_physics
+from starling.sim.console import progress
 
 _VERSION = 1
 _LINE = ("slope", "offset")
@@ -27,7 +27,7 @@ class SimulatedPredictor:
     recalibration: Recalibration | None = None
 
     def probability(self, example: Example) -> Image:
-        """Smoothed share of the draws without depth, (h, w): `learning.physics_probability`.
+        """Smoothed share of the draws without depth, (h, w): `starling.learning.data.physics_probability`.
 
         Raises:
             InputError: if the example has no physics.
@@ -60,7 +60,7 @@ class Simulated:
         """Fit slope and offset of the logit where that was asked for; scenes count alike.
 
         Raises:
-            InputError: if nothing can be learnt from the examples (`learning.learnable`), or one
+            InputError: if nothing can be learnt from the examples (`starling.learning.data.learnable`), or one
                 has no physics.
         """
         del seed

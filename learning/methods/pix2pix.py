@@ -19,9 +19,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from learning.example import Example, Image
-from learning.training import channels
-from learning.training.learner import (
+from starling.learning.data.example import Example, Image
+from starling.learning.networks.training import channels
+from starling.learning.networks.training.learner import (
     STEEPEST,
     Draw,
     Learner,
@@ -31,9 +31,9 @@ from learning.training.learner import (
     one_cycle,
     sparing,
 )
-from learning.training.samples import Batch
-from learning.training.settings import Settings
-from learning.training.translation import (
+from starling.learning.networks.training.samples import Batch
+from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.training.translation import (
     PatchDiscriminator,
     Sight,
     TranslationPredictor,
@@ -43,8 +43,8 @@ from learning.training.translation import (
     judged,
     load_translation,
 )
-from learning.unet import UNet
-from sim import progress
+from starling.learning.networks.unet import UNet
+from starling.sim.console import progress
 
 SQUARE_WEIGHT = 100.0  # Against the discriminator's verdict (Isola et al., sec. 3.3).
 SETTINGS = Settings(steps=1000, batch=4, rate=1e-3)
@@ -121,7 +121,7 @@ class Pix2Pix:
         """Learn, or go on with what lies in the folder, and leave the weights there.
 
         Raises:
-            InputError: as `learning.training.translation.fit_translation`.
+            InputError: as `starling.learning.networks.training.translation.fit_translation`.
         """
         generator = initialised(Keeper, seed)
         discriminator = initialised(partial(PatchDiscriminator, 2), seed)
@@ -141,6 +141,6 @@ class Pix2Pix:
         """Read what `fit` has left in its folder.
 
         Raises:
-            InputError: as `learning.training.weights.load`.
+            InputError: as `starling.learning.networks.training.weights.load`.
         """
         return load_translation(folder, self.name, Keeper(), SIGHT)

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from learning import model_file
-from learning.example import Example, Image
-from learning.geometry.planes import NORMAL_RADIUS_PX, fit_planes, incidence_cosine
-from learning.learnable import check_learnable, known_holes
-from sim import progress
-from sim.filled import filled
-from sim.pinhole import Pinhole
+from starling.learning.data.example import Example, Image
+from starling.learning.data.learnable import check_learnable, known_holes
+from starling.learning.methods import model_file
+from starling.sim.console import progress
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.geometry.planes import NORMAL_RADIUS_PX, fit_planes, incidence_cosine
+from starling.sim.stereo.filled import filled
 
 _VERSION = 1
 _BINS = 180  # Half a degree each.
@@ -75,7 +75,7 @@ class Simple:
         """Count holes by angle and make the shares rise; nothing is drawn.
 
         Raises:
-            InputError: if nothing can be learnt from the examples (`learning.learnable`).
+            InputError: if nothing can be learnt from the examples (`starling.learning.data.learnable`).
         """
         del seed
         check_learnable(examples)

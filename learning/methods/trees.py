@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from learning import model_file
-from learning.bins import BINS, equal_count_bins
-from learning.drawn_pixels import DrawnPixels, draw_pixels, join
-from learning.example import Example, Image
-from learning.features import features, names
-from learning.forest import Forest, forest_of
-from learning.learnable import check_learnable, known_holes
-from learning.recalibration import Recalibration, fit_recalibration
-from patterns import errors
-from sim import progress
-from sim.randomness import generator
+from starling.learning.data.drawn_pixels import DrawnPixels, draw_pixels, join
+from starling.learning.data.example import Example, Image
+from starling.learning.data.learnable import check_learnable, known_holes
+from starling.learning.features.bins import BINS, equal_count_bins
+from starling.learning.features.features import features, names
+from starling.learning.methods import model_file
+from starling.learning.methods.forest import Forest, forest_of
+from starling.learning.methods.recalibration import Recalibration, fit_recalibration
+from starling.patterns import errors
+from starling.sim.console import progress
+from starling.sim.randomness import generator
 
 if TYPE_CHECKING:
     from sklearn.ensemble import HistGradientBoostingClassifier
@@ -50,7 +50,7 @@ class TreesPredictor:
         """Measure the features and ask the trees, (h, w).
 
         Raises:
-            InputError: as `learning.features.features`.
+            InputError: as `starling.learning.features.features.features`.
         """
         seen = features(
             example,
@@ -73,7 +73,9 @@ class Trees:
 
     with_reflectance: bool = False  # Sees the smoothed infrared image as well.
     with_physics: bool = False  # Sees what is simulated as well.
-    projector_x_m: float | None = None  # As `learning.features.features` takes it.
+    projector_x_m: float | None = (
+        None  # As `starling.learning.features.features.features` takes it.
+    )
     pixels_per_scene: int = 20_000  # Drawn, at most.
     rounds: int = 400  # Trees, at most; held-out rooms say how many are best.
     rounds_of_one_room: int = 100  # Trees where no other room can say.
@@ -112,7 +114,7 @@ class Trees:
         alone neither can be known: a fixed number of trees, told as they are.
 
         Raises:
-            InputError: if nothing can be learnt from the examples (`learning.learnable`), or one
+            InputError: if nothing can be learnt from the examples (`starling.learning.data.learnable`), or one
                 lacks what the features need.
         """
         check_learnable(examples)

@@ -8,18 +8,18 @@ from __future__ import annotations
 
 from functools import cache
 
-from patterns import errors
-from sim.effects.effect import Effect as Effect
-from sim.effects.effect import Parameter as Parameter
-from sim.effects.effect import Stage as Stage
-from sim.effects.effect import Value as Value
-from sim.effects.effect import written as written
+from starling.patterns import errors
+from starling.sim.effects.effect import Effect as Effect
+from starling.sim.effects.effect import Parameter as Parameter
+from starling.sim.effects.effect import Stage as Stage
+from starling.sim.effects.effect import Value as Value
+from starling.sim.effects.effect import written as written
 
 
 @cache
 def table() -> tuple[Effect, ...]:
     """All rows, in the order in which they act."""
-    from sim.effects import imager, light, matcher, optics, post, scene, surfaces
+    from starling.sim.effects import imager, light, matcher, optics, post, scene, surfaces
 
     return (
         *scene.ROWS,

@@ -6,7 +6,7 @@ step.
 
 from __future__ import annotations
 
-from sim.effects.effect import Effect, Parameter, Stage
+from starling.sim.effects.effect import Effect, Parameter, Stage
 
 _EMVA = "EMVA Standard 1288, release 4.0"
 _IMX900 = "Sony IMX900 (global shutter, 2.25 um; EMVA report by FRAMOS)"

@@ -6,8 +6,8 @@ disparity (1.4826 times the median deviation) and 6.5 % of pixels without depth 
 
 from __future__ import annotations
 
-from sim.effects import pattern
-from sim.effects.effect import Effect, Parameter, Stage
+from starling.sim.effects import pattern
+from starling.sim.effects.effect import Effect, Parameter, Stage
 
 _GOODMAN = "Goodman, Speckle Phenomena in Optics, 2007, ch. 3 and 4"
 

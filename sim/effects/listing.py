@@ -6,10 +6,11 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sim import effects
-from sim import text as texts
-from sim.effects import Effect, Parameter, setting, written
-from sim.sensor import Sensor
+from starling.sim import effects
+from starling.sim.console import text as texts
+from starling.sim.effects import Effect, Parameter, written
+from starling.sim.effects import setting as setting
+from starling.sim.sensor.sensor import Sensor
 
 _PROSE = ("imitates", "law", "shows", "confused_with", "source", "rerender")
 _WIDTH = 100

@@ -8,7 +8,7 @@ the engine that has the field: CensusSemiGlobal, which is `matcher.setting` d4xx
 
 from __future__ import annotations
 
-from sim.effects.effect import Effect, Parameter, Stage
+from starling.sim.effects.effect import Effect, Parameter, Stage
 
 _DSAPI = "DSAPITypes.h (RealSense DS4 library), DSDepthControlParameters"
 _AD_CENSUS = "Mei et al. 2011, AD-Census, ICCV workshops"
@@ -178,7 +178,7 @@ _CHECKS = (
         "at any depth. On all columns the overlap with the device's holes goes up from 0.71 to "
         "0.77 at 7 px (rooms kept aside: 0.65 to 0.69).",
         confused_with=("left_right_threshold",),
-        source="benchmarks/match_faro.py: of what is found on a D415's infrared, its own depth has "
+        source="benchmarks/matcher/match_faro.py: of what is found on a D415's infrared, its own depth has "
         "0 % at x - d = 0, half at 7 px, 95 % at 19 px",
     ),
     _row(

@@ -7,7 +7,7 @@ What a row shows was seen on the `tabletop` scene with the D435 preset's geometr
 
 from __future__ import annotations
 
-from sim.effects.effect import Effect, Parameter, Stage
+from starling.sim.effects.effect import Effect, Parameter, Stage
 
 _HORN = "Horn, Robot Vision, sec. 10.3 (cos^4)"
 _HOMOGRAPHY = "Hartley and Zisserman, Multiple View Geometry, 2nd ed., sec. 8.4.2"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim.effects.effect import Effect, Parameter, Stage
+from starling.sim.effects.effect import Effect, Parameter, Stage
 
 RERENDER = "the pattern is rendered into the layers"
 

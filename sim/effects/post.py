@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim.effects.effect import Effect, Parameter, Stage
+from starling.sim.effects.effect import Effect, Parameter, Stage
 
 _DELTA = "librealsense counts it in 1/32 px (disparity transform, five fractional bits)"
 _PAGE = "librealsense doc/post-processing-filters.md"

@@ -9,7 +9,7 @@ an exposure of 8.5 ms.
 
 from __future__ import annotations
 
-from sim.effects.effect import Effect, Parameter, Stage
+from starling.sim.effects.effect import Effect, Parameter, Stage
 
 _AXES = ("x", "y", "z")
 

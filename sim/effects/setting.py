@@ -9,11 +9,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from patterns import errors
-from sim import effects, sensor_edits, structure
-from sim.effects.effect import Effect, Parameter, Value, written
-from sim.scene import Scene
-from sim.sensor import Sensor
+from starling.patterns import errors
+from starling.sim import effects
+from starling.sim.effects.effect import Effect, Parameter, Value, written
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor import edits, structure
+from starling.sim.sensor.sensor import Sensor
 
 _SCENE = "scene."
 _BOTH = "imager."
@@ -45,7 +46,7 @@ def on_sensor(sensor: Sensor, settings: Mapping[str, Value]) -> Sensor:
         _refuse_missing(sensor, path, asked)
     with _naming({path: asked for path, (asked, _) in moved.items()}):
         values = [(path, _typed(_field(sensor, path), to, path)) for path, (_, to) in moved.items()]
-        return sensor_edits.with_values(sensor, values)
+        return edits.with_values(sensor, values)
 
 
 def is_scenes(asked: str) -> bool:

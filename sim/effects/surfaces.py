@@ -9,7 +9,7 @@ speckle 0.11 px.
 
 from __future__ import annotations
 
-from sim.effects.effect import Effect, Parameter, Stage
+from starling.sim.effects.effect import Effect, Parameter, Stage
 
 _ROUGHNESS = Parameter(
     name="roughness", paths=("scene.finish.roughness",), unit="1", neutral=0.1, low=0.03, high=0.6
@@ -175,7 +175,7 @@ SUNLIGHT = Effect(
         "30: all filled to 50 %. An exposure held at 8.5 ms is full at 50: depth stays in shadows."
     ),
     confused_with=("ambient", "projector_power"),
-    source="ASTM G173 in the band of the imager (sim.spectra); librealsense issue 10022",
+    source="ASTM G173 in the band of the imager (starling.sim.scene.spectra); librealsense issue 10022",
     rerender="shadows depend on the sun's direction; its strength alone does not",
 )
 

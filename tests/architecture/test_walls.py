@@ -37,25 +37,29 @@ LIBRARY_ROOMS = {
 }
 # The files that make pictures, and which pictures.
 PICTURE_MAKERS: dict[str, str] = {
-    "sim/canvas.py": "every picture: an empty figure, and its file",
-    "sim/sheet.py": "sheets of panels",
-    "sim/panels.py": "the panels",
-    "sim/sweep_picture.py": "the curves of a sweep",
-    "learning/evaluation_pictures.py": "the curves of an evaluation",
-    "learning/completion/judged_pictures.py": "errors of completed depth",
+    "sim/plotting/canvas.py": "every picture: an empty figure, and its file",
+    "sim/plotting/sheet.py": "sheets of panels",
+    "sim/plotting/panels.py": "the panels",
+    "sim/commands/sweep/picture.py": "the curves of a sweep",
+    "learning/evaluation/pictures.py": "the curves of an evaluation",
+    "learning/completion/evaluation/pictures.py": "errors of completed depth",
 }
 HEAVY = ("mitsuba", "drjit", "torch", "sklearn", "cv2", "matplotlib", "scipy", "numba")
 LONGEST_FILE = 400
 
 
 def _room(path: Path) -> str:
-    return path.relative_to(ROOT).parts[0].removesuffix(".py")
+    return path.relative_to(ROOT).parts[0]
+
+
+def _room_of(module: str) -> str:
+    """Return the room of an import: `sim` for `starling.sim.scene`, `numpy` for `numpy.linalg`."""
+    first, *rest = module.split(".")
+    return rest[0] if first == "starling" and rest and rest[0] in ROOMS else first
 
 
 def _sources() -> list[Path]:
-    paths = [path for room in ROOMS for path in (ROOT / room).rglob("*.py")]
-    front_door = ROOT / "starling.py"
-    return sorted([*paths, front_door] if front_door.exists() else paths)
+    return sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
 
 
 def _tracked() -> list[Path]:
@@ -82,7 +86,11 @@ def _imports(path: Path, top_level_only: bool = False) -> Iterator[tuple[int, st
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             base = package[: len(package) + 1 - node.level] if node.level else []
-            yield node.lineno, ".".join([*base, *([node.module] if node.module else [])])
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            if module == "starling":
+                yield from ((node.lineno, f"starling.{alias.name}") for alias in node.names)
+            else:
+                yield node.lineno, module
         elif isinstance(node, ast.Call) and node.args:
             name = ast.unparse(node.func)
             first = node.args[0]
@@ -104,7 +112,7 @@ def _breaches(allowed: dict[str, set[str]], walled: set[str]) -> list[str]:
     found = []
     for path in _sources():
         for line, module in _imports(path):
-            top = module.split(".")[0]
+            top = _room_of(module)
             if top in walled and top != _room(path) and top not in allowed[_room(path)]:
                 found.append(f"{path.relative_to(ROOT)}:{line} imports {module}")
     return found
@@ -142,12 +150,24 @@ def test_variant_is_chosen_in_one_file() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Attribute) and node.attr == "set_variant"
     ]
-    assert set(setters) <= {"sim/backend.py"}
+    assert set(setters) <= {"sim/render/backend.py"}
 
 
-@pytest.mark.parametrize("room", ["patterns", "sim", "starling"])
+def test_packages_are_imported_by_their_full_names() -> None:
+    """`import starling.sim` would be a second copy of `starling.sim`."""
+    found = [
+        f"{path.relative_to(ROOT)}:{line} imports {module}"
+        for path in _tracked()
+        if path.suffix == ".py"
+        for line, module in _imports(path)
+        if module.split(".")[0] in {*ROOMS} - {"starling"}
+    ]
+    assert not found
+
+
+@pytest.mark.parametrize("room", ["starling", "starling.patterns", "starling.sim"])
 def test_import_loads_nothing_heavy(room: str) -> None:
-    """`import sim` must be instant: heavy libraries load inside the functions that need them."""
+    """Importing a package must be instant: heavy libraries load inside the functions that need them."""
     code = f"import sys, {room}; print(*(m for m in {HEAVY!r} if m in sys.modules))"
     run = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
@@ -157,7 +177,9 @@ def test_import_loads_nothing_heavy(room: str) -> None:
 
 
 def test_front_door_imports_nothing_heavy_at_top_level() -> None:
-    tops = {module.split(".")[0] for _, module in _imports(ROOT / "starling.py", True)}
+    tops = {
+        module.split(".")[0] for _, module in _imports(ROOT / "starling" / "command_line.py", True)
+    }
     assert not tops & {*HEAVY, "OpenEXR", "colour", "trimesh"}
 
 

@@ -13,19 +13,20 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("patterns", "sim", "calibration", "learning", "diagnosis")
-IMPORT_ALL = f"""
+IMPORT_ALL = """
 import importlib, pkgutil
-names = ["starling", *{PACKAGES!r}]
-for package in {PACKAGES!r}:
-    path = importlib.import_module(package).__path__
-    names += [module.name for module in pkgutil.walk_packages(path, package + ".")]
+import starling
+names = [module.name for module in pkgutil.walk_packages(starling.__path__, "starling.")]
+names.insert(0, "starling")
 print(*(importlib.import_module(name).__file__ for name in names))
 """
 
 
 def _sources() -> set[Path]:
     """Every module of the program."""
-    return {ROOT / "starling.py"}.union(*((ROOT / name).rglob("*.py") for name in PACKAGES))
+    return {*(ROOT / "starling").glob("*.py")}.union(
+        *((ROOT / name).rglob("*.py") for name in PACKAGES)
+    )
 
 
 def _run(*command: str | Path, cwd: Path) -> str:
@@ -41,7 +42,11 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in (*PACKAGES, "tests", "examples"):  # The last two must not get into the wheel.
         skip = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / name, copy / name, ignore=skip)
-    for name in ("starling.py", "pyproject.toml", "README.md", "LICENSE"):
+    (copy / "starling").mkdir()
+    for path in (ROOT / "starling").iterdir():
+        if path.is_symlink() or path.suffix == ".py":
+            shutil.copy(path, copy / "starling" / path.name, follow_symlinks=False)
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy / name)
     _run(sys.executable, "-m", "build", "--wheel", "--no-isolation", cwd=copy)
     (built,) = (copy / "dist").glob("*.whl")
@@ -51,8 +56,9 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_wheel_holds_exactly_the_program(wheel: Path) -> None:
     files = _sources().union(*((ROOT / name).rglob("*.toml") for name in PACKAGES))
     files |= {*(ROOT / "learning" / "shipped").glob("*/*")}
-    files.add(ROOT / "diagnosis" / "withheld" / "detection.json")
-    expected = {path.relative_to(ROOT).as_posix() for path in files}
+    files.add(ROOT / "diagnosis" / "validation" / "protocol" / "detection.json")
+    inside = {path.relative_to(ROOT).as_posix().removeprefix("starling/") for path in files}
+    expected = {f"starling/{name}" for name in inside}
     held = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     assert held == expected
 
@@ -73,6 +79,6 @@ def test_installed_wheel_imports_and_answers(wheel: Path, tmp_path: Path) -> Non
     places = _run(python, "-c", IMPORT_ALL, cwd=tmp_path).split()
     assert len(places) == len(_sources())
     assert [place for place in places if not place.startswith(str(site))] == []
-    presets = "from sim import sensors; print(*map(sensors.load, sensors.names()))"
+    presets = "from starling.sim.sensor import presets as sensors; print(*map(sensors.load, sensors.names()))"
     _run(python, "-c", presets, cwd=tmp_path)
     assert "simulate" in _run(tmp_path / "venv" / "bin" / "starling", "--help", cwd=tmp_path)

@@ -8,18 +8,21 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration import parameters
-from patterns.errors import InputError
-from sim import backend, differentiable, differentiable_image, render, sensors
-from sim.light.received import Received
-from sim.optics import image as optics
-from sim.parts.emitter import Emitter
-from sim.pinhole import Pinhole
-from sim.scene import ModelError, Motion, Scene
-from sim.scenes import builtin
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
-from sim.stage import Stage
+from starling.calibration import parameters
+from starling.patterns.errors import InputError
+from starling.sim.differentiable import image as differentiable_image
+from starling.sim.differentiable import light as differentiable
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.imaging.lens_input import Received
+from starling.sim.imaging.optics import image as optics
+from starling.sim.render import backend, direct
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.builtin import scenes
+from starling.sim.scene.scene import ModelError, Motion, Scene
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.sensor import Sensor
 
 # Steps that move dots by some thousandths of a pixel, some hundredths of a pixel of the pattern,
 # whose linear interpolation has a kink at each: further, and more differences run over kinks;
@@ -42,7 +45,7 @@ STEPS = {
 
 def small(**changes: object) -> Sensor:
     """A sensor of 160x96 with a turned projector."""
-    sensor = sensors.load("d435")
+    sensor = presets.load("d435")
     values = {
         "width": 160,
         "height": 96,
@@ -61,7 +64,7 @@ def small(**changes: object) -> Sensor:
 @pytest.fixture(scope="module")
 def stage() -> Stage:
     """A table with things on it."""
-    return Stage(builtin.tabletop(0))
+    return Stage(scenes.tabletop(0))
 
 
 def with_step(sensor: Sensor, name: str, step: float) -> Sensor:
@@ -103,7 +106,7 @@ def test_the_image_is_the_one_that_is_rendered(stage: Stage, side: differentiabl
     """The layer equals the renderer's. It proves nothing of the renderer."""
     sensor = small()
     traced = differentiable.trace(stage, sensor, side)
-    image, rendered = traced.linear().image, render.layers(stage, sensor)
+    image, rendered = traced.linear().image, direct.layers(stage, sensor)
     view = rendered.left if side == "left" else rendered.right
     assert view is not None
     shown = traced.clear
@@ -203,7 +206,7 @@ def test_alignment_moves_the_image_as_the_simulator_does(stage: Stage, name: str
     """
     turned = {"right.alignment.yaw_deg": 0.4, "right.alignment.roll_deg": -0.3}
     sensor = small(**turned, **{"projector.speckle_contrast": 0.0})
-    rendered = render.layers(stage, sensor).right
+    rendered = direct.layers(stage, sensor).right
     assert rendered is not None
     light = Received(laser=rendered.projector_direct, rest=np.zeros_like(rendered.projector_direct))
     step = 5e-4
@@ -248,7 +251,7 @@ def test_scale_is_open_in_reference_depth(tmp_path, side: differentiable.Side) -
         "projector.rotation_deg": [0.0, 0.0, 0.0],
         "projector.position_m": [0.03, 0.002, 0.0],
     }
-    sensor, stage = small(**straight), Stage(builtin.tabletop(0))
+    sensor, stage = small(**straight), Stage(scenes.tabletop(0))
     made, scale = Pinhole.of(sensor), 1.01
     wide = parameters.with_values(
         sensor,
@@ -278,7 +281,7 @@ def test_scale_is_open_in_reference_depth(tmp_path, side: differentiable.Side) -
 
 def test_columns_by_reference_agree_with_differences() -> None:
     """Focal length and principal point where the surface follows them."""
-    sensor, stage = small(), Stage(builtin.tabletop(0))
+    sensor, stage = small(), Stage(scenes.tabletop(0))
     made = Pinhole.of(small(fx_px=121.0, fy_px=119.0, cx_px=80.9))
     for name in ("fx_px", "cx_px", "cy_px", "baseline_m"):
         traced = differentiable.trace(stage, sensor, "right", reference=made)

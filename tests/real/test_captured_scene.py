@@ -3,18 +3,20 @@
 import numpy as np
 import pytest
 
-from sim import asked_sensor, metrics, scenes, simulate
-from sim.capture import open_set
-from sim.depth import disparity_from_depth
-from sim.scenes import captured
+from starling.sim import metrics, simulate
+from starling.sim.captures.capture import open_set
+from starling.sim.scene import sources
+from starling.sim.scene.captured import captured_scene
+from starling.sim.sensor import resolve
+from starling.sim.stereo.depth import disparity_from_depth
 
 
 @pytest.fixture(scope="module")
 def reading(captures):
     """The real frame and the simulated shot of scene 3617 of the D415 set."""
     path = captures / "d415-faro" / "3617"
-    sensor = asked_sensor.load("d415", captures=str(path))
-    shot = simulate.simulate(scenes.load(str(path), sensor), sensor)
+    sensor = resolve.load("d415", captures=str(path))
+    shot = simulate.simulate(sources.load(str(path), sensor), sensor)
     return open_set(path).scenes[0], sensor, shot
 
 
@@ -50,10 +52,10 @@ def test_holes_are_where_the_device_has_them(reading):
 
 
 def test_refusals(captures):
-    from patterns import InputError
+    from starling.patterns import InputError
 
-    sensor = asked_sensor.load("d415")
+    sensor = resolve.load("d415")
     with pytest.raises(InputError, match=r"scene must have truth.png and ir_left.png"):
-        captured.load(captures / "kinect-v1-tables" / "learn0", sensor)
+        captured_scene.load(captures / "kinect-v1-tables" / "learn0", sensor)
     with pytest.raises(InputError, match="scene must be one scene of a capture set"):
-        captured.load(captures / "d415-faro", sensor)
+        captured_scene.load(captures / "d415-faro", sensor)

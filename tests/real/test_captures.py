@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim import capture
-from sim.compare import compare
-from sim.dots import dot_contrast
+from starling.sim.captures import capture
+from starling.sim.commands.compare import compare
+from starling.sim.imaging.dot_contrast import dot_contrast
 
 
 def _open(captures: Path, name: str) -> capture.CaptureSet:

@@ -11,7 +11,7 @@ ROOMS = ("g", "4426", "5074", "k", "6422")
 def test_shipped_weights_fill_real_holes_better_than_plain_fills(captures, tmp_path):
     """By a fifth at least in holes, and no worse where the device has depth."""
     pytest.importorskip("torch", reason="the extra learning is not installed")
-    from learning.completion.judge_captures import judge_captures
+    from starling.learning.completion.commands.judge_captures import judge_captures
 
     told = judge_captures(
         str(captures / "d415-faro"), ("wls", "poisson", "small"), tmp_path / "out", rooms=ROOMS

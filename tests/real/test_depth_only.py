@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 
 def _benchmark():
     """The benchmark's reading and measuring, so that test and table cannot differ."""
-    path = ROOT / "benchmarks/calibrate_depth_only.py"
+    path = ROOT / "benchmarks/calibration/calibrate_depth_only.py"
     spec = importlib.util.spec_from_file_location("calibrate_depth_only", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim import capture, sensors
+from starling.sim.captures import capture
+from starling.sim.sensor import presets
 
 pytestmark = pytest.mark.slow
 
@@ -25,7 +26,7 @@ TABLES = ("test20", "test27", "test48")  # At 0.76 to 0.91 m.
 
 def _benchmark():
     """The benchmark's reading and measuring, so that test and table cannot differ."""
-    path = ROOT / "benchmarks/structured_light.py"
+    path = ROOT / "benchmarks/matcher/structured_light.py"
     spec = importlib.util.spec_from_file_location("structured_light", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -47,7 +48,7 @@ def frames(captures: Path):
 def figures(frames):
     """Real and simulated figures of these tables."""
     benchmark, found = frames
-    sensor, camera = sensors.load("kinect-v1"), found.info
+    sensor, camera = presets.load("kinect-v1"), found.info
     rows = []
     for name, (read, where) in benchmark.labelled(found).items():
         if name not in TABLES:
@@ -67,7 +68,7 @@ def test_real_depth_comes_in_eighths_of_the_preset_s_pixels(frames):
     scale, _, share = benchmark.steps(codes)
     assert share > 0.98
     focal_baseline = scale / benchmark.STEPS_PER_PX / 1e3
-    assert focal_baseline == pytest.approx(sensors.load("kinect-v1").focal_baseline_px_m, rel=1e-4)
+    assert focal_baseline == pytest.approx(presets.load("kinect-v1").focal_baseline_px_m, rel=1e-4)
 
 
 def test_real_tables_read_as_stated(frames):

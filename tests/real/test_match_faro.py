@@ -18,7 +18,9 @@ ROOT = Path(__file__).parents[2]
 
 def _benchmark():
     """The benchmark's reading and measuring, so that test and table cannot differ."""
-    spec = importlib.util.spec_from_file_location("match_faro", ROOT / "benchmarks/match_faro.py")
+    spec = importlib.util.spec_from_file_location(
+        "match_faro", ROOT / "benchmarks/matcher/match_faro.py"
+    )
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules["match_faro"] = module
@@ -33,7 +35,7 @@ def rows(captures: Path):
     if not folder.is_dir():
         pytest.skip(f"no captures at {folder}; set STARLING_CAPTURES to the folder above it")
     benchmark = _benchmark()
-    from sim.matcher import D4XX
+    from starling.sim.sensor.matcher import D4XX
 
     scenes = benchmark.scenes(folder)
     return benchmark, [(scene.tuned, benchmark.measure(scene, D4XX)) for scene in scenes]

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.correlation import high_passed, local_ncc, right_in_left
-from calibration.observation import Observation, truth_px
-from calibration.plausibility import checks
-from patterns.errors import InputError
-from sim import asked_sensor, capture, sensors
-from sim.metrics import depth_edges
+from starling.calibration.correlation import high_passed, local_ncc, right_in_left
+from starling.calibration.observation import Observation, truth_px
+from starling.calibration.plausibility import checks
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture
+from starling.sim.metrics import depth_edges
+from starling.sim.sensor import presets, resolve
 
 
 def _folder(captures: Path, name: str) -> Path:
@@ -57,7 +58,7 @@ def three(captures: Path) -> tuple[Observation, ...]:
 
 
 def _refusal(observations: tuple[Observation, ...], asked: str = "d415") -> str:
-    sensor = observations[0].info.geometry_into(sensors.load(asked))
+    sensor = observations[0].info.geometry_into(presets.load(asked))
     with pytest.raises(InputError) as caught:
         checks.check(observations, sensor)
     return str(caught.value)
@@ -66,7 +67,7 @@ def _refusal(observations: tuple[Observation, ...], asked: str = "d415") -> str:
 @pytest.mark.slow
 def test_every_room_passes(captures: Path) -> None:
     folder = _folder(captures, "d415-faro")
-    sensor = asked_sensor.load("d415", captures=str(folder))
+    sensor = resolve.load("d415", captures=str(folder))
     everything = _observations(folder)
     assert len(everything) == 15
     assert checks.check(everything, sensor) == ()
@@ -80,7 +81,7 @@ def test_the_table_passes(captures: Path) -> None:
     There the device's own depth agrees with the infrared pair and not with the reference.
     """
     folder = _folder(captures, "d415-table")
-    sensor = asked_sensor.load("d415", captures=str(folder))
+    sensor = resolve.load("d415", captures=str(folder))
     (table,) = _observations(folder)
     (said,) = checks.check([table], sensor)
     assert said.startswith("reference depth of scene table disagrees with its infrared pair in 2")
@@ -91,7 +92,7 @@ def test_the_table_passes(captures: Path) -> None:
 
 def test_depth_alone_passes(captures: Path) -> None:
     folder = _folder(captures, "kinect-v1-tables")
-    assert checks.check(_observations(folder), sensors.load("kinect-v1")) == ()
+    assert checks.check(_observations(folder), presets.load("kinect-v1")) == ()
 
 
 @pytest.mark.parametrize("asked", ["d435", "d455"])

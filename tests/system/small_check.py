@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
-from diagnosis import batch, captured_camera, detection, families, light_sets, own_depth
-from diagnosis.withheld import tier
+from starling.diagnosis.validation.adapters import (
+    batch,
+    captured_camera,
+    detection,
+    families,
+    light_sets,
+    own_depth,
+)
+from starling.diagnosis.validation.protocol import tier
 
 TRIED = ("gamma", "vignetting", "read_noise", "black_level", "median", "pixel_locking")
 STRONG = {
@@ -26,12 +33,12 @@ SMALL = tier.Tier(
     left_out=2,
 )
 IN_PROCESS = {
-    "diagnosis.light_sets": light_sets.main,
-    "diagnosis.captured_camera": captured_camera.main,
-    "diagnosis.own_depth": own_depth.main,
-    "diagnosis.detection": detection.main,
-    "diagnosis.families": families.main,
-    "diagnosis.batch": batch.main,
+    "starling.diagnosis.validation.adapters.light_sets": light_sets.main,
+    "starling.diagnosis.validation.adapters.captured_camera": captured_camera.main,
+    "starling.diagnosis.validation.adapters.own_depth": own_depth.main,
+    "starling.diagnosis.validation.adapters.detection": detection.main,
+    "starling.diagnosis.validation.adapters.families": families.main,
+    "starling.diagnosis.validation.adapters.batch": batch.main,
 }
 NEUTRAL = {
     "gamma": 1.0,

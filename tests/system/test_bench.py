@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 # In a process of its own: the peak of memory is the process's.
-BENCH = "import json; from sim.bench import bench; print(json.dumps(bench(repeats=1, samples=1)))"
+BENCH = "import json; from starling.sim.commands.bench import bench; print(json.dumps(bench(repeats=1, samples=1)))"
 
-PEAK = "from sim.bench import peak_gib; print(peak_gib())"
+PEAK = "from starling.sim.commands.bench import peak_gib; print(peak_gib())"
 
 
 def test_memory_is_a_process_s_own():

@@ -17,22 +17,19 @@ from typing import Any
 
 import pytest
 
-from diagnosis import (
-    batch,
-    check_camera,
-    detection,
-    named,
-    own_depth,
-)
-from diagnosis.which.candidates import candidates as all_candidates
-from diagnosis.withheld import __main__ as program
-from diagnosis.withheld import case, catalogue, limits, lock, power, programs, seal, tier
-from diagnosis.withheld.case import Case
-from diagnosis.withheld.check import Check
-from diagnosis.withheld.errors import WithheldError
-from diagnosis.withheld.real_pairs import RealPairs
-from diagnosis.withheld.rendered import Rendered
-from sim import capture, sensors
+from starling.diagnosis.validation import __main__
+from starling.diagnosis.validation.adapters import batch, check_camera, detection, own_depth
+from starling.diagnosis.validation.camera import catalogue
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.protocol import case, limits, lock, power, programs, seal, tier
+from starling.diagnosis.validation.protocol.case import Case
+from starling.diagnosis.validation.protocol.check import Check
+from starling.diagnosis.validation.protocol.real_pairs import RealPairs
+from starling.diagnosis.validation.protocol.rendered import Rendered
+from starling.diagnosis.which import attribution
+from starling.diagnosis.which.candidates import candidates as all_candidates
+from starling.sim.captures import capture
+from starling.sim.sensor import presets
 from tests.system.small_check import IN_PROCESS, NEUTRAL, SMALL, STRONG, TRIED
 
 RUN = programs._run
@@ -59,7 +56,7 @@ def patched() -> Any:
     spotless = [one for one in check_camera._HAS if one[0] != "imager.lens.blur_px"]
     patch.setattr(check_camera, "_HAS", spotless)
     patch.setattr(
-        named,
+        attribution,
         "candidates",
         lambda *asked: [one for one in all_candidates(*asked) if one.name in TRIED],
     )
@@ -70,7 +67,10 @@ def patched() -> Any:
     patch.setattr(RealPairs, "effects", property(lambda self: told(self) & shown))
 
     def run(module: str, arguments: Sequence[str]) -> None:
-        if module == "diagnosis.batch" and "--without" not in arguments:
+        if (
+            module == "starling.diagnosis.validation.adapters.batch"
+            and "--without" not in arguments
+        ):
             for folder in map(Path, arguments[:2]):
                 TOLD.extend(_told(folder))
         assert IN_PROCESS[module](arguments) == 0
@@ -254,7 +254,7 @@ def test_effects_in_real_pairs_are_diagnosed_against_the_pairs(done, tmp_path):
     """The pairs are of another seed's camera; nothing but pixels is known of them."""
     one, _ = done
     null = Case(number=0, kind="null", settings={}, seed=11)
-    from diagnosis.withheld import shoot
+    from starling.diagnosis.validation.protocol import shoot
 
     shoot.shoot(one.sets[0].source.light, null, tmp_path / "real", frames=1)
     counts = {"single": 4, "null": 3, "unknown": 1}
@@ -289,13 +289,13 @@ def test_effects_in_real_pairs_are_diagnosed_against_the_pairs(done, tmp_path):
 
 def test_the_program_prints_scores(done, monkeypatch, capsys):
     one, _ = done
-    monkeypatch.setitem(program.TIERS, 1, SMALL)
-    assert program.main([str(one.out), "--jobs", "1", "--json"]) == 0
+    monkeypatch.setitem(__main__.TIERS, 1, SMALL)
+    assert __main__.main([str(one.out), "--jobs", "1", "--json"]) == 0
     scores = json.loads(capsys.readouterr().out)
     assert scores == {**json.loads((one.out / "scores.json").read_text())}
-    assert program.main([str(one.out), "--jobs", "1"]) == 0
+    assert __main__.main([str(one.out), "--jobs", "1"]) == 0
     assert "top1" in capsys.readouterr().out
-    assert program.main([str(one.out), "--cases", "0"]) == 1
+    assert __main__.main([str(one.out), "--cases", "0"]) == 1
     assert "cases must be >= 1" in capsys.readouterr().err
 
 
@@ -310,7 +310,7 @@ def test_limits_are_told_by_the_diagnosis_itself(done, patched, capsys, tmp_path
     """A strength is found on one side, on both where the effect has both."""
     one, _ = done
     null = Case(number=0, kind="null", settings={}, seed=3)
-    from diagnosis.withheld import shoot
+    from starling.diagnosis.validation.protocol import shoot
 
     shoot.shoot(one.sets[0].source.light, null, tmp_path / "null", frames=2)
     flags = [
@@ -332,11 +332,11 @@ def test_limits_are_told_by_the_diagnosis_itself(done, patched, capsys, tmp_path
 def test_other_scenes_are_not_one_batch(done, tmp_path, capsys):
     one, _ = done
     null = Case(number=0, kind="null", settings={}, seed=3)
-    from diagnosis.withheld import shoot
+    from starling.diagnosis.validation.protocol import shoot
 
     for number, each in enumerate(one.sets):
         shoot.shoot(each.source.light, null, tmp_path / "cases" / str(number), frames=1)
-    sensor = sensors.load(str(one.sets[0].source.sensor))
+    sensor = presets.load(str(one.sets[0].source.sensor))
     own_depth.write(tmp_path / "cases", sensor)
     unknown = shutil.copytree(tmp_path / "cases" / "0", tmp_path / "unknown" / "0")
     for path in unknown.rglob("scene.toml"):

@@ -21,13 +21,14 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from diagnosis import cycles_light, light_sets
-from patterns.errors import InputError
-from sim import scenes, sensors
-from sim.effects import setting
-from sim.scenes import builtin
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
+from starling.diagnosis.validation.adapters import cycles_light, light_sets
+from starling.patterns.errors import InputError
+from starling.sim.effects import setting as setting
+from starling.sim.scene import sources
+from starling.sim.scene.builtin import scenes as builtin
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
 
 ROOT = Path(__file__).parents[2]
 BLENDER = Path(os.environ.get("STARLING_BLENDER", ROOT / ".blender" / "bin" / "python"))
@@ -46,7 +47,7 @@ pytestmark = [
 
 def nominal() -> Sensor:
     """An ideal D435 of 320 x 180, the axis off its middle, pixels of two sides."""
-    ideal, _ = setting.ideal(sensors.load("d435"), builtin.wall(1.0))
+    ideal, _ = setting.ideal(presets.load("d435"), builtin.wall(1.0))
     size = [("width", 320), ("height", 180), ("fx_px", 162.0), ("fy_px", 158.0)]
     return with_values(ideal, [*size, ("cx_px", 163.2), ("cy_px", 86.7)])
 
@@ -73,7 +74,7 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arrays, Arrays]:
 def kinds() -> dict[str, list[int]]:
     """Numbers of the bodies by their materials' kind."""
     found: dict[str, list[int]] = {}
-    for number, body in enumerate(scenes.load(SCENE, nominal()).bodies, 1):
+    for number, body in enumerate(sources.load(SCENE, nominal()).bodies, 1):
         found.setdefault(body.material.kind, []).append(number)
     return found
 

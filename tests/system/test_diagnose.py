@@ -18,17 +18,23 @@ import cv2
 import numpy as np
 import pytest
 
-import starling
-from diagnosis import estimated, light_sets, named, own_depth, reading, subject
-from diagnosis.report import groups
-from diagnosis.which import bench, null
-from diagnosis.which.candidates import Arm
-from diagnosis.which.candidates import candidates as all_candidates
-from diagnosis.withheld import case, shoot
-from learning import registry
-from sim import capture, sensors
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
+from starling import command_line
+from starling.diagnosis.report import group_names as groups
+from starling.diagnosis.scenes import estimated
+from starling.diagnosis.scenes import observation as reading
+from starling.diagnosis.scenes import scene_model as subject
+from starling.diagnosis.validation.adapters import light_sets, own_depth
+from starling.diagnosis.validation.protocol import case, shoot
+from starling.diagnosis.which import attribution as named
+from starling.diagnosis.which import null
+from starling.diagnosis.which import table as bench
+from starling.diagnosis.which.candidates import Arm
+from starling.diagnosis.which.candidates import candidates as all_candidates
+from starling.learning import registry
+from starling.sim.captures import capture
+from starling.sim.sensor import presets as sensors
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
 from tests.system.test_withheld import nominal
 
 SCENES = ("clutter:1", "clutter:2", "tabletop:3", "clutter:4")
@@ -70,7 +76,7 @@ def diagnosed(
         out = place / f"{captures.name}-report"
         base = ["--sensor", str(place / "sensor.toml"), "--out", str(out)]
         cached = ["--cache", str(place / "cache"), "--force", "--json", *flags]
-        assert starling.main(["diagnose", str(captures), *base, *cached]) == 0
+        assert command_line.main(["diagnose", str(captures), *base, *cached]) == 0
         return json.loads(capsys.readouterr().out)
 
     return run
@@ -127,7 +133,7 @@ def test_where_no_family_acts_that_is_asked_for_nothing_is_told(place, diagnosed
     flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
     for family in ("pixel_locking", "rolling_shutter"):  # Of depth, and of nothing at all.
         asked = ["diagnose", str(place / "null"), *flags, "--families", family]
-        assert starling.main(asked) == 1
+        assert command_line.main(asked) == 1
         said = f"families must have an effect that acts on what these captures hold; got {family}."
         assert said in capsys.readouterr().err
 
@@ -196,7 +202,7 @@ def test_scenes_of_one_set_alone_are_left_aside(place, diagnosed, tmp_path):
 
 def refused_against(place: Path, other: Path, out: Path, capsys: Any) -> str:
     flags = ["--sensor", str(place / "sensor.toml"), "--out", str(out), "--against", str(other)]
-    assert starling.main(["diagnose", str(place / "null"), *flags]) == 1
+    assert command_line.main(["diagnose", str(place / "null"), *flags]) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert not out.exists()
     return line
@@ -258,16 +264,16 @@ def test_without_infrared_depth_alone_is_asked(place, diagnosed, tmp_path):
 
 
 def test_without_what_a_residual_needs_nothing_is_begun(place, tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "learning.methods.hybrid", None)
+    monkeypatch.setitem(sys.modules, "starling.learning.methods.hybrid", None)
     flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
-    assert starling.main(["diagnose", str(place / "null"), *flags, "--residual"]) == 1
+    assert command_line.main(["diagnose", str(place / "null"), *flags, "--residual"]) == 1
     assert "hybrid needs" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
 def test_a_residual_is_not_learnt_against_other_captures(place, tmp_path, capsys):
     flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
     other = ["--against", str(place / "bent"), "--residual"]
-    assert starling.main(["diagnose", str(place / "null"), *other, *flags]) == 1
+    assert command_line.main(["diagnose", str(place / "null"), *other, *flags]) == 1
     assert "residual must be" in capsys.readouterr().err
 
 
@@ -276,17 +282,17 @@ def test_captures_without_scenes_are_refused(place, tmp_path, capsys):
     empty.mkdir()
     shutil.copyfile(place / "bent" / "capture.toml", empty / "capture.toml")
     flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
-    assert starling.main(["diagnose", str(empty), *flags]) == 1
+    assert command_line.main(["diagnose", str(empty), *flags]) == 1
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
 
 
 def test_a_family_that_is_none_is_refused(place, tmp_path, capsys):
     flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
-    assert starling.main(["diagnose", str(place / "bent"), *flags, "--leave-out", "tone"]) == 1
+    assert command_line.main(["diagnose", str(place / "bent"), *flags, "--leave-out", "tone"]) == 1
     assert "family" in capsys.readouterr().err and not (tmp_path / "out").exists()
     nothing = ["--families", "veil", "--leave-out", "veil"]
-    assert starling.main(["diagnose", str(place / "bent"), *flags, *nothing]) == 1
+    assert command_line.main(["diagnose", str(place / "bent"), *flags, *nothing]) == 1
     assert "leave-out must leave a family to try; got veil." in capsys.readouterr().err
 
 
@@ -311,28 +317,28 @@ def test_captures_that_cannot_be_asked_are_refused(place, tmp_path, capsys):
     for path in bare.rglob("ir_right.png"):
         path.unlink()
     flags = ["--sensor", str(place / "sensor.toml"), "--out", str(tmp_path / "out")]
-    assert starling.main(["diagnose", str(bare), *flags]) == 1
+    assert command_line.main(["diagnose", str(bare), *flags]) == 1
     assert "must hold infrared pairs or depth; got neither" in capsys.readouterr().err
     unknown = shutil.copytree(place / "null", tmp_path / "unknown")
     for name in ("scene.toml", "truth.png"):
         for path in unknown.rglob(name):
             path.unlink()
-    assert starling.main(["diagnose", str(unknown), *flags]) == 1
+    assert command_line.main(["diagnose", str(unknown), *flags]) == 1
     assert "must have a scene.toml or reference depth" in capsys.readouterr().err
     blank = shutil.copytree(place / "null", tmp_path / "blank")
     for path in blank.rglob("truth.png"):
         cv2.imwrite(str(path), np.zeros_like(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)))
-    assert starling.main(["diagnose", str(blank), *flags]) == 1
+    assert command_line.main(["diagnose", str(blank), *flags]) == 1
     assert "must have reference depth; got none" in capsys.readouterr().err
     for path in blank.rglob("scene.toml"):
         path.unlink()
-    assert starling.main(["diagnose", str(blank), *flags]) == 1
+    assert command_line.main(["diagnose", str(blank), *flags]) == 1
     assert "must have a scene.toml or reference depth" in capsys.readouterr().err
     flags[1] = "kinect-v1"
-    assert starling.main(["diagnose", str(place / "null"), *flags]) == 1
+    assert command_line.main(["diagnose", str(place / "null"), *flags]) == 1
     assert "sensor must be a stereo camera's; got structured_light" in capsys.readouterr().err
     flags[1] = str(place / "sensor.toml")
-    assert starling.main(["diagnose", str(place / "null"), *flags, "--set", "width=64"]) == 1
+    assert command_line.main(["diagnose", str(place / "null"), *flags, "--set", "width=64"]) == 1
     assert "must be of the sensor's size, " in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 

@@ -12,12 +12,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from diagnosis import light_sets, moved, reading, subject
-from diagnosis.tell_apart import MENU, tell_apart
-from diagnosis.which.candidates import Arm
-from diagnosis.withheld import case, shoot
-from sim import capture, simulate, simulate_captures
-from sim.sensor_edits import with_values
+from starling.diagnosis.scenes import observation, scene_model
+from starling.diagnosis.scenes import stability as moved
+from starling.diagnosis.validation.adapters import light_sets
+from starling.diagnosis.validation.protocol import case, shoot
+from starling.diagnosis.which.candidates import Arm
+from starling.diagnosis.which.discrimination import MENU, tell_apart
+from starling.sim import simulate
+from starling.sim.captures import capture
+from starling.sim.commands import simulate_captures
+from starling.sim.sensor.edits import with_values
 from tests.system.test_diagnose import SCENES, sensor
 
 
@@ -35,17 +39,17 @@ def test_of_repeats_as_many_are_taken_as_there_are_of_all(place, tmp_path):
     fewer = shutil.copytree(place / "null", tmp_path / "fewer")
     (fewer / "clutter-1" / "1" / "ir_right.png").unlink()
     two, one = (capture.open_set(of).scenes[0] for of in (place / "null", fewer))
-    first, second = reading.alike(*(reading.read(of, sensor()) for of in (two, one)))
+    first, second = observation.alike(*(observation.read(of, sensor()) for of in (two, one)))
     assert first.repeats == second.repeats == 1
-    assert reading.read(two, sensor()).repeats == 2
-    assert subject.subject(one, sensor()).frames == 1
+    assert observation.read(two, sensor()).repeats == 2
+    assert scene_model.subject(one, sensor()).frames == 1
 
 
 def test_images_of_more_bits_are_matched_as_such(place):
     scene = capture.open_set(place / "null").scenes[0]
-    seen = reading.read(scene, sensor())
+    seen = observation.read(scene, sensor())
     deep = [image.astype(np.uint16) << 4 for image in (seen.left, seen.right)]
-    found = reading.matched(deep[0][:1], deep[1][:1], sensor())
+    found = observation.matched(deep[0][:1], deep[1][:1], sensor())
     both = np.isfinite(found) & np.isfinite(seen.ours_px)
     assert both.mean() > 0.6 and np.median(np.abs(found - seen.ours_px)[both]) < 0.1
 
@@ -53,7 +57,7 @@ def test_images_of_more_bits_are_matched_as_such(place):
 def test_a_simulated_capture_has_other_noise_than_what_it_is_compared_with(place):
     """Else what noise makes would be no gap where captures come of `starling simulate`."""
     scene = capture.open_set(place / "null").scenes[0]
-    one = subject.subject(scene, sensor())
+    one = scene_model.subject(scene, sensor())
     seed = simulate_captures.scene_seed(0, one.name)
     layers = simulate.rendered(one._stage, sensor(), samples=4)
     taken = simulate.infrared(layers, one.scene, sensor(), seed=seed).left
@@ -80,13 +84,13 @@ def test_pairs_without_the_projector_are_read_where_it_is_off(place, tmp_path):
         cv2.imwrite(str(both / "clutter-1" / number / "depth.png"), code)
     scene = capture.open_set(both).scenes[0]
     off = with_values(sensor(), [("projector.power_w", 0.0)])
-    on, seen = reading.read(scene, sensor()), reading.read(scene, off)
+    on, seen = observation.read(scene, sensor()), observation.read(scene, off)
     assert on.device_px is not None and on.repeats == 2
     assert seen.device_px is None and seen.repeats == 1
     assert on.left is not None and seen.left is not None
     np.testing.assert_array_equal(seen.left[0], on.left[0] // 2)
     plain = capture.open_set(place / "null").scenes[0]
-    assert reading.read(plain, off).repeats == 2
+    assert observation.read(plain, off).repeats == 2
 
 
 def sensor_shape(captures: Path) -> tuple[int, int]:
@@ -96,14 +100,14 @@ def sensor_shape(captures: Path) -> tuple[int, int]:
 def test_steps_of_time_are_no_repeats(place, tmp_path):
     steps = shutil.copytree(place / "null", tmp_path / "steps")
     scene = capture.open_set(steps).scenes[0]
-    assert reading.read(scene, sensor()).repeats == 2
+    assert observation.read(scene, sensor()).repeats == 2
     (scene.path / "0" / "frame.json").write_text(json.dumps({"counts": "steps of time"}))
-    assert reading.read(scene, sensor()).repeats == 1
+    assert observation.read(scene, sensor()).repeats == 1
 
 
 def test_repeats_that_moved_are_noticed(place):
     """A pixel to the side; not noise, nor a fifth more light."""
-    left = reading.read(capture.open_set(place / "null").scenes[0], sensor()).left
+    left = observation.read(capture.open_set(place / "null").scenes[0], sensor()).left
     assert left is not None
     first, second = left
     brighter = np.clip(second * 1.2, 0, 255).astype(np.uint8)
@@ -117,9 +121,9 @@ def test_repeats_that_moved_are_told_of_and_read(place, tmp_path):
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     assert image is not None
     cv2.imwrite(str(path), np.roll(image, 1, axis=1))
-    read = reading.read(capture.open_set(shaken).scenes[0], sensor())
+    read = observation.read(capture.open_set(shaken).scenes[0], sensor())
     assert read.moved and read.repeats == 2
-    still = reading.read(capture.open_set(place / "null").scenes[0], sensor())
+    still = observation.read(capture.open_set(place / "null").scenes[0], sensor())
     assert not still.moved and still.repeats == 2
 
 
@@ -133,11 +137,11 @@ def test_a_body_that_moved_is_noticed_in_depth_alone(place, tmp_path):
     info = capture.open_set(alone).info
     disparity_px = 30 + 0.1 * rng.standard_normal((2, *info.shape))
 
-    def read(of: NDArray[np.float64]) -> reading.Reading:
+    def read(of: NDArray[np.float64]) -> observation.Reading:
         code = np.where(of > 0, info.fx_px * info.baseline_m / of / info.depth_unit_m, 0)
         for number, one in enumerate(np.rint(code).astype(np.uint16)):
             cv2.imwrite(str(folder / str(number) / "depth.png"), one)
-        return reading.read(capture.open_set(alone).scenes[0], sensor())
+        return observation.read(capture.open_set(alone).scenes[0], sensor())
 
     assert not read(disparity_px).moved
     beside = disparity_px.copy()
@@ -151,7 +155,7 @@ def test_a_body_that_moved_is_noticed_in_depth_alone(place, tmp_path):
 
 def test_what_is_learnt_from_are_the_holes_that_how_far_is_told_of(place):
     finer = with_values(sensor(), [("imager.dropped_bits", 2)])
-    one = subject.subject(capture.open_set(place / "null").scenes[0], finer)
+    one = scene_model.subject(capture.open_set(place / "null").scenes[0], finer)
     settings = {"interreflection": 0.0, "veil": 0.02}
     images = [~np.isfinite(one.simulate(settings, seed=seed).ours_px[0]) for seed in (0, 1)]
     np.testing.assert_array_equal(one.physics(settings, seeds=(0, 1)).ndp, np.mean(images, 0))
@@ -163,7 +167,7 @@ def test_what_is_learnt_from_are_the_holes_that_how_far_is_told_of(place):
 def test_beside_other_captures_effects_are_laid_onto_those(place):
     """What an effect does to a capture's own images is what the effect does to the camera."""
     scene = capture.open_set(place / "null").scenes[0]
-    alone, beside = (subject.subject(scene, sensor(), against=one) for one in (None, scene))
+    alone, beside = (scene_model.subject(scene, sensor(), against=one) for one in (None, scene))
     base, captured = beside.simulate({}, seed=0), beside.against
     assert captured is not None
     assert np.abs(base.left.astype(float) - captured.left).max() < 3
@@ -186,7 +190,7 @@ def sharpness(images: np.ndarray) -> float:
 
 def test_what_does_not_differ_is_rendered_once(place, monkeypatch):
     scene = capture.open_set(place / "null").scenes[0]
-    one, fresh = (subject.subject(scene, sensor()) for _ in range(2))
+    one, fresh = (scene_model.subject(scene, sensor()) for _ in range(2))
     count = []
     render = simulate.rendered
     monkeypatch.setattr(
@@ -204,7 +208,7 @@ def test_what_does_not_differ_is_rendered_once(place, monkeypatch):
 def test_a_capture_that_tells_is_found(place):
     """Noise in electrons against light on the dark level: a lens cap takes the one away."""
     scene = capture.open_set(place / "null").scenes[0]
-    one = subject.subject(scene, sensor())
+    one = scene_model.subject(scene, sensor())
     menu = [
         proposal
         for proposal in MENU
@@ -218,7 +222,7 @@ def test_a_capture_that_tells_is_found(place):
 
 
 def test_bits_that_a_matcher_alone_reads_are_told_from_none(place):
-    one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
+    one = scene_model.subject(capture.open_set(place / "null").scenes[0], sensor())
     as_is = [each for each in MENU if "exposed twice" in each.text]
     base = sensor().left.dropped_bits
     (told,) = tell_apart(one, {"dropped_bits": base + 2}, {}, Arm.DEPTH, menu=as_is)
@@ -228,7 +232,7 @@ def test_bits_that_a_matcher_alone_reads_are_told_from_none(place):
 
 
 def test_filters_that_are_off_tell_them_from_the_matcher(place):
-    one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
+    one = scene_model.subject(capture.open_set(place / "null").scenes[0], sensor())
     off = [each for each in MENU if "filters off" in each.text]
     rivals = [{"spatial_filter": 0.4}, {"hole_filling": "nearest"}, {"median": 0}]
     assert tell_apart(one, *rivals[:2], Arm.DEPTH, menu=off)[0].deviations == 0
@@ -237,7 +241,7 @@ def test_filters_that_are_off_tell_them_from_the_matcher(place):
 
 
 def test_at_a_wall_the_camera_moves_and_light_is_as_in_the_scene(place):
-    one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
+    one = scene_model.subject(capture.open_set(place / "null").scenes[0], sensor())
     wall = [each for each in MENU if "wall" in each.text]
     assert tell_apart(one, {"sunlight": 5.0}, {}, Arm.IMAGE, menu=wall)[0].enough
     moved = {"sunlight": 5.0, "model_shift": 0.002}  # Where the scene truly stands stays with it.
@@ -245,7 +249,7 @@ def test_at_a_wall_the_camera_moves_and_light_is_as_in_the_scene(place):
 
 
 def test_what_a_capture_switches_off_no_rival_switches_on(place):  # Two powers look the same.
-    one = subject.subject(capture.open_set(place / "null").scenes[0], sensor())
+    one = scene_model.subject(capture.open_set(place / "null").scenes[0], sensor())
     dark = [each for each in MENU if "projector off" in each.text or "lens cap" in each.text]
     rivals = ({"projector_power": 0.1}, {"projector_power": 0.2})
     told = tell_apart(one, *rivals, Arm.IMAGE, menu=dark)

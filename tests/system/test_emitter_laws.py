@@ -16,26 +16,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from patterns import InputError, Pattern
-from patterns.field import Field
-from sim import (
-    backend,
-    frames,
-    indirect,
-    paths_scalar,
-    projector,
-    reference,
-    render,
-    render_scalar,
-    sensors,
-)
-from sim.effects import setting
-from sim.layers import Layers
-from sim.parts.emitter import Emitter
-from sim.scene import Scene
-from sim.scenes import builtin
-from sim.sensor import Sensor
-from sim.stage import Stage
+from starling.patterns import InputError, Pattern
+from starling.patterns.field import Field
+from starling.sim.effects import setting as setting
+from starling.sim.geometry import frames
+from starling.sim.render import backend, emission, indirect, paths_scalar, scalar
+from starling.sim.render import direct as render
+from starling.sim.render.layers import Layers
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.builtin import scenes
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor import presets
+from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo import structured_light
 
 FOCAL_PX = 400.0
 LEFT, RIGHT = (0.026, 0.0, 0.0), (0.0305, 0.001, -0.002)
@@ -43,7 +37,7 @@ LEFT, RIGHT = (0.026, 0.0, 0.0), (0.0305, 0.001, -0.002)
 
 def camera(**light: Any) -> Sensor:
     """A small D415 with one emitter at the left imager, unless told otherwise."""
-    preset = sensors.load("d415")
+    preset = presets.load("d415")
     part = dataclasses.replace(preset.projector, position_m=(0.0, 0.0, 0.0), emitters=())
     return dataclasses.replace(
         preset,
@@ -58,7 +52,7 @@ def camera(**light: Any) -> Sensor:
 
 
 def rendered(sensor: Sensor, scene: Scene | None = None) -> Layers:
-    return render.layers(Stage(scene or builtin.tabletop()), sensor)
+    return render.layers(Stage(scene or scenes.tabletop()), sensor)
 
 
 def assert_alike(first: Layers, second: Layers, name: str = "projector_direct") -> None:
@@ -144,7 +138,7 @@ def test_light_of_emitters_adds(effects: dict[str, float]) -> None:
     """
     parts = []
     for emitters in (TWO, TWO[:1], TWO[1:]):
-        sensor, scene = setting.apply(camera(emitters=emitters), builtin.tabletop(), effects)
+        sensor, scene = setting.apply(camera(emitters=emitters), scenes.tabletop(), effects)
         stage = Stage(scene)
         direct = render.layers(stage, sensor, exposure_s=0.01)
         if not effects:
@@ -163,15 +157,15 @@ def test_light_of_emitters_adds(effects: dict[str, float]) -> None:
 def test_the_path_tracer_without_a_compiler_adds_emitters() -> None:
     """Its indirect light of two is that of each where it stands, with its part of the power."""
     both = camera(emitters=TWO)
-    stage, shares = Stage(builtin.tabletop()), (0.75, 0.25)
+    stage, shares = Stage(scenes.tabletop()), (0.75, 0.25)
 
     def bounced(sensor: Sensor, irradiances: list[np.ndarray]) -> np.ndarray:
         pose = stage.scene.world_from_left
         return paths_scalar.radiance(stage, sensor, pose, irradiances, shrink=4, samples=4, seed=1)
 
-    lit = [projector.irradiance_at_unit_distance(both.projector, number) for number in (0, 1)]
+    lit = [emission.irradiance_at_unit_distance(both.projector, number) for number in (0, 1)]
     each = [
-        share * bounced(one, [projector.irradiance_at_unit_distance(one.projector)])
+        share * bounced(one, [emission.irradiance_at_unit_distance(one.projector)])
         for share, one in zip(shares, (camera(position_m=e.offset_m) for e in TWO), strict=True)
     ]
     assert all(image.any() for image in each)
@@ -182,9 +176,9 @@ def test_emitters_shrink_with_the_models_scale() -> None:
     """In a model enlarged by 1.04 an emitter stands where a projector at its place would."""
     effects = {"model_scale": 1.04}
     on_projector = setting.apply(
-        camera(emitters=(Emitter(offset_m=LEFT),)), builtin.tabletop(), effects
+        camera(emitters=(Emitter(offset_m=LEFT),)), scenes.tabletop(), effects
     )
-    alone = setting.apply(camera(position_m=LEFT), builtin.tabletop(), effects)
+    alone = setting.apply(camera(position_m=LEFT), scenes.tabletop(), effects)
     assert_alike(rendered(*on_projector), rendered(*alone))
 
 
@@ -205,13 +199,13 @@ def one_dot(monkeypatch: pytest.MonkeyPatch) -> Iterator[Sensor]:
             name=f"one dot, seed {seed}",
         )
 
-    monkeypatch.setitem(projector.GENERATORS, "one dot", make)
+    monkeypatch.setitem(emission.GENERATORS, "one dot", make)
     sensor = camera(pattern="one dot", fov_x_deg=40.0, fov_y_deg=40.0)
     yield dataclasses.replace(sensor, fx_px=FOCAL_PX, fy_px=FOCAL_PX)
 
 
 def column_px(sensor: Sensor, distance_m: float) -> float:
-    image = rendered(sensor, builtin.wall(distance_m)).left.projector_direct.astype(np.float64)
+    image = rendered(sensor, scenes.wall(distance_m)).left.projector_direct.astype(np.float64)
     return float((image.sum(axis=0) * np.arange(image.shape[1])).sum() / image.sum())
 
 
@@ -233,26 +227,26 @@ def test_faults_are_drawn_for_every_emitter_anew() -> None:
     worn = dataclasses.replace(
         camera().projector, dropped_dots=0.3, emitters=(Emitter(), Emitter())
     )
-    first, second = (projector.irradiance_at_unit_distance(worn, number) for number in (0, 1))
-    single = projector.irradiance_at_unit_distance(dataclasses.replace(worn, emitters=()))
+    first, second = (emission.irradiance_at_unit_distance(worn, number) for number in (0, 1))
+    single = emission.irradiance_at_unit_distance(dataclasses.replace(worn, emitters=()))
     assert np.array_equal(2 * first, single)
     assert not np.array_equal(first, second)
 
 
 def test_emitters_fall_back_on_the_projectors_pattern() -> None:
     part = camera(emitters=(Emitter(), Emitter(pattern="d435", power_share=3.0))).projector
-    assert [emitter.pattern for emitter in projector.emitters(part)] == ["d415", "d435"]
-    assert [emitter.power_share for emitter in projector.emitters(part)] == [0.25, 0.75]
+    assert [emitter.pattern for emitter in emission.emitters(part)] == ["d415", "d435"]
+    assert [emitter.power_share for emitter in emission.emitters(part)] == [0.25, 0.75]
 
 
 def test_structured_light_has_one_emitter() -> None:
-    kinect = sensors.load("kinect-v1")
+    kinect = presets.load("kinect-v1")
     light = dataclasses.replace(kinect.projector, emitters=(Emitter(), Emitter()))
     with pytest.raises(InputError, match=r"projector\.emitters must be \[\] with structured light"):
-        reference.image(dataclasses.replace(kinect, projector=light))
+        structured_light.image(dataclasses.replace(kinect, projector=light))
 
 
 def test_the_scalar_renderer_refuses_another_scale() -> None:
     named = r"^projector\.pattern_scale other than 1 must be absent in scalar_rgb"
     with pytest.raises(backend.BackendError, match=named):
-        render_scalar.layers(Stage(builtin.wall(1.0)), camera(pattern_scale=1.002), subpixels=1)
+        scalar.layers(Stage(scenes.wall(1.0)), camera(pattern_scale=1.002), subpixels=1)

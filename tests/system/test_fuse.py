@@ -20,17 +20,23 @@ import numpy as np
 import pytest
 import trimesh
 
-import starling
-from patterns.errors import InputError
-from sim import asked_sensor, capture, capture_info, capture_writer, frames, scenes, simulate
-from sim.depth import DepthMap
-from sim.exchange import labelfusion, tum
-from sim.fusion import fuse, pairs, reference, trajectory
-from sim.fusion.fused import fused as surface_of
-from sim.generation.files import Files
-from sim.output import OutputFolder
-from sim.pinhole import Pinhole
-from sim.stage import Stage
+from starling import command_line
+from starling.patterns.errors import InputError
+from starling.sim import simulate
+from starling.sim.captures import capture
+from starling.sim.captures import info as capture_info
+from starling.sim.captures import writer as capture_writer
+from starling.sim.captures.exchange import labelfusion, tum
+from starling.sim.captures.fusion import fuse, pairs, reference, trajectory
+from starling.sim.captures.fusion.fused import fused as surface_of
+from starling.sim.console.output import OutputFolder
+from starling.sim.datasets.files import Files
+from starling.sim.geometry import frames
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene import sources as scenes
+from starling.sim.sensor import resolve as asked_sensor
+from starling.sim.stereo.depth import DepthMap
 
 SIZE = ("width=160", "height=120", "fx_px=130", "fy_px=130", "cx_px=79.5", "cy_px=59.5")
 VOXEL_M = 0.01
@@ -166,7 +172,7 @@ def test_pairs_are_what_the_device_told(fused: tuple[Path, dict[str, Any]], simu
 def test_a_method_learns_from_the_pairs(fused: tuple[Path, dict[str, Any]], capsys: Any):
     model = fused[0].parent / "model"
     flags = ["train", "trees", str(fused[0]), "--out", str(model), "--rooms", "device", "--json"]
-    assert starling.main(flags) == 0
+    assert command_line.main(flags) == 0
     told = json.loads(capsys.readouterr().out)
     assert len(told["scenes"]) == 9 and 0 < told["ndp_rate"] < 1
 
@@ -191,7 +197,7 @@ def test_reference_depth_is_that_of_pixels_centres(fy_px: float):
 
 def test_it_is_the_same_without_a_compiler():
     code = (
-        "from sim import backend; from tests.system import test_fuse as here\n"
+        "from starling.sim.render import backend; from tests.system import test_fuse as here\n"
         "here.hold_reference(50.0); assert not backend.is_jit()"
     )
     environment = {**os.environ, "STARLING_VARIANT": "scalar_rgb"}
@@ -208,7 +214,7 @@ def test_the_back_of_a_surface_is_no_reference():
 
 
 def run(*words: object, capsys: Any) -> tuple[int, str, str]:
-    code = starling.main([str(word) for word in words])
+    code = command_line.main([str(word) for word in words])
     said = capsys.readouterr()
     return code, said.out, said.err
 

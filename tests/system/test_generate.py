@@ -20,13 +20,14 @@ import pytest
 import tomli_w
 import trimesh
 
-import starling
-from patterns.errors import InputError
-from sim import capture, exr, png
-from sim.generation import index, on_ray, set_folder, shard
-from sim.generation.generate import generate
-from sim.generation.verify import verify
-from sim.reason import Reason
+from starling import command_line
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture, exr, png
+from starling.sim.datasets import index, set_folder, shard
+from starling.sim.datasets import ray_workers as on_ray
+from starling.sim.datasets.generate import generate
+from starling.sim.datasets.verify import verify
+from starling.sim.reason import Reason
 
 ROOT = Path(__file__).parents[2]
 SIZE = {"width": 96, "height": 64, "cx_px": 47.5, "cy_px": 31.5, "fx_px": 50.0, "fy_px": 50.0}
@@ -164,7 +165,7 @@ def test_shards_hold_what_folders_hold(plan: Path, whole: Path):
 @pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.long)])
 def test_killed_at_any_point_it_goes_on_to_the_same_set(plan: Path, whole: Path, kills: int):
     out = plan.parent / f"killed {kills}"
-    command = [sys.executable, str(ROOT / "starling.py"), "generate", str(plan)]
+    command = [sys.executable, "-m", "starling", "generate", str(plan)]
     command += ["--out", str(out), "--workers", "1", "--shard-frames", "4"]
     rng = random.Random(kills)
     for _ in range(kills):
@@ -182,9 +183,9 @@ def test_a_worker_that_was_killed_stops_the_run_and_loses_nothing(plan: Path, wh
     script = (
         "import os, sys\n"
         "from pathlib import Path\n"
-        "from sim.generation import local\n"
-        "from sim.generation.generate import generate\n"
-        "from sim.generation.task import make\n"
+        "from starling.sim.datasets import local\n"
+        "from starling.sim.datasets.generate import generate\n"
+        "from starling.sim.datasets.task import make\n"
         "def die(plan, info, out, task):\n"
         "    if task.number == 2: os.kill(os.getpid(), 9)\n"
         "    return make(plan, info, out, task)\n"
@@ -300,7 +301,7 @@ def test_verify_finds_what_is_lost_doubled_or_changed(
 ):
     out = tmp_path / "set"
     shutil.copytree(whole, out)
-    assert starling.main(["verify", str(out), "--sample", "0"]) == 0
+    assert command_line.main(["verify", str(out), "--sample", "0"]) == 0
     image = out / "0000003" / "1" / "ir_left.png"
     codes = cv2.imread(str(image), cv2.IMREAD_UNCHANGED)
     codes[0, 0] ^= 1
@@ -311,7 +312,7 @@ def test_verify_finds_what_is_lost_doubled_or_changed(
     told = verify(out, sample=0)
     assert told["frames"] == 18 and told["missing"] == 3
     assert told["duplicate"] == 1 and told["differing"] == 1
-    assert starling.main(["verify", str(out), "--sample", "0"]) == 1
+    assert command_line.main(["verify", str(out), "--sample", "0"]) == 1
     shutil.rmtree(out)
     shutil.copytree(whole, out)
     rows = [{**row, "sha256": "0"} if row["frame"] == 0 else row for row in index.read(out)]
@@ -361,7 +362,7 @@ def test_a_cluster_that_loses_a_node_makes_the_same_set(plan: Path, whole: Path)
     )
     try:
         time.sleep(8)
-        command = [sys.executable, str(ROOT / "starling.py"), "generate", str(plan)]
+        command = [sys.executable, "-m", "starling", "generate", str(plan)]
         command += ["--out", str(out), "--ray", f"127.0.0.1:{port}", "--shard-frames", "4"]
         with (plan.parent / "ray.log").open("w+") as said:
             run = subprocess.Popen(command, env=environment, stderr=said, stdout=said)

@@ -6,10 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from sim import frames, metrics, plugin_scene, render, sensors, stage
-from sim.depth import depth_from_disparity, disparity_from_depth
-from sim.scene import Ambient, Material, Scene
-from sim.scenes import builtin, solids
+from starling.sim import metrics
+from starling.sim.geometry import frames
+from starling.sim.render import direct, mitsuba_scene, plugin_scene
+from starling.sim.scene.builtin import scenes, solids
+from starling.sim.scene.scene import Ambient, Material, Scene
+from starling.sim.sensor import presets
+from starling.sim.stereo.depth import depth_from_disparity, disparity_from_depth
 
 RADIUS_M = 0.03  # Of balls whose middle is looked for: wide enough for pixels to sample them.
 WHITE = Material(name="white", reflectance=0.9)
@@ -17,7 +20,7 @@ WHITE = Material(name="white", reflectance=0.9)
 
 def small(**changes):
     base = dataclasses.replace(
-        sensors.load("d435"),
+        presets.load("d435"),
         width=160,
         height=120,
         fx_px=100.0,
@@ -33,7 +36,7 @@ def spot_scene(point_m):
     ball.apply_translation(point_m)
     even = Ambient(gradient=0.0)  # Shading would move the centroid.
     spot = solids.body("spot", ball, WHITE)
-    return stage.Stage(Scene(name="spot", bodies=(spot,), ambient=even))
+    return mitsuba_scene.Stage(Scene(name="spot", bodies=(spot,), ambient=even))
 
 
 def centroid(image):
@@ -44,7 +47,7 @@ def centroid(image):
 @pytest.mark.parametrize("point_m", [(0.0, 0.0, 1.0), (0.21, -0.13, 1.1), (-0.3, 0.2, 0.9)])
 def test_a_ball_is_seen_where_it_projects(point_m):
     sensor = small()
-    layers = render.layers(spot_scene(point_m), sensor, subpixels=16)
+    layers = direct.layers(spot_scene(point_m), sensor, subpixels=16)
     x, y, z = point_m
     for view, offset in ((layers.left, 0.0), (layers.right, sensor.baseline_m)):
         u, v = centroid(view.ambient)
@@ -58,7 +61,7 @@ def test_a_turned_camera_agrees_with_opencv():
     point = np.array([0.1, 0.05, 1.2])
     sensor = small()
     scene = dataclasses.replace(spot_scene(point).scene, world_from_left=world_from_left)
-    seen = centroid(render.layers(stage.Stage(scene), sensor, subpixels=16).left.ambient)
+    seen = centroid(direct.layers(mitsuba_scene.Stage(scene), sensor, subpixels=16).left.ambient)
     left_from_world = np.linalg.inv(world_from_left)
     vector, _ = cv2.Rodrigues(left_from_world[:3, :3])
     camera = np.array([[sensor.fx_px, 0, sensor.cx_px], [0, sensor.fy_px, sensor.cy_px], [0, 0, 1]])
@@ -68,7 +71,7 @@ def test_a_turned_camera_agrees_with_opencv():
 
 def test_mitsubas_camera_sees_the_same_pixel():
     """Axes, principal point and half pixel of the conversion to Mitsuba."""
-    from sim import backend
+    from starling.sim.render import backend
 
     mi = backend.mitsuba()
     sensor = small(fy_px=100.0)  # Mitsuba's pixels are square.
@@ -95,7 +98,7 @@ def test_a_projected_dot_lands_where_its_pixel_points(tmp_path):
         fov_y_deg=45.0,
     )
     sensor = dataclasses.replace(sensor, projector=part)
-    seen = render.layers(stage.Stage(builtin.wall(1.5)), sensor, subpixels=16)
+    seen = direct.layers(mitsuba_scene.Stage(scenes.wall(1.5)), sensor, subpixels=16)
     half_x, half_y = np.tan(np.deg2rad(35.0)), np.tan(np.deg2rad(22.5))
     x = (2 * (151 + 0.5) / 200 - 1) * half_x * 1.5 + 0.03
     y = (2 * (41 + 0.5) / 120 - 1) * half_y * 1.5 + 0.01
@@ -107,8 +110,8 @@ def test_a_projected_dot_lands_where_its_pixel_points(tmp_path):
 @pytest.mark.parametrize("distance_m", [0.5, 1.0, 2.0, 4.0])
 def test_disparity_of_a_wall_is_fb_over_z(distance_m):
     """Correlating the two noise-free renders finds f b / z within 0.02 px."""
-    sensor = sensors.load("d435")
-    layers = render.layers(stage.Stage(builtin.wall(distance_m)), sensor)
+    sensor = presets.load("d435")
+    layers = direct.layers(mitsuba_scene.Stage(scenes.wall(distance_m)), sensor)
     expected = sensor.focal_baseline_px_m / distance_m
     views = tuple(v.projector_direct + v.ambient for v in (layers.left, layers.right))
     found = metrics.shift_px(*views, near_px=expected, margin_px=int(expected) + 40)
@@ -116,9 +119,9 @@ def test_disparity_of_a_wall_is_fb_over_z(distance_m):
 
 
 def test_a_tilted_wall_has_affine_disparity():
-    sensor = sensors.load("d435")
+    sensor = presets.load("d435")
     sheet = solids.body("wall", solids.plane(30, 30), WHITE, frames.pose((0, 0, 1.5), (13, 21, 3)))
-    truth = render.layers(stage.Stage(Scene(name="w", bodies=(sheet,))), sensor).truth
+    truth = direct.layers(mitsuba_scene.Stage(Scene(name="w", bodies=(sheet,))), sensor).truth
     disparity = disparity_from_depth(
         truth.depth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m
     ).astype(np.float64)
@@ -132,10 +135,10 @@ def test_a_tilted_wall_has_affine_disparity():
 
 def test_masks_of_a_box_before_a_wall():
     """Width of occlusion and shadow beside a box: (b/z_box - b/z_wall) f pixels, by hand."""
-    sensor = sensors.load("d435")
+    sensor = presets.load("d435")
     box = solids.body("box", solids.plane(0.3, 0.3), WHITE, frames.pose((0, 0, 1.0)))
     wall = solids.body("wall", solids.plane(20, 20), WHITE, frames.pose((0, 0, 2.0)))
-    layers = render.layers(stage.Stage(Scene(name="box", bodies=(box, wall))), sensor)
+    layers = direct.layers(mitsuba_scene.Stage(Scene(name="box", bodies=(box, wall))), sensor)
     truth, row = layers.truth, round(sensor.cy_px)
     inner = slice(100, -100)  # Beyond the left border of the overlap and the projector's field.
     hidden = int((~truth.right_sees[row, inner]).sum())
@@ -147,8 +150,8 @@ def test_masks_of_a_box_before_a_wall():
 
 
 def test_left_border_is_outside_the_right_image():
-    sensor = sensors.load("d435")
-    truth = render.layers(stage.Stage(builtin.wall(1.0)), sensor).truth
+    sensor = presets.load("d435")
+    truth = direct.layers(mitsuba_scene.Stage(scenes.wall(1.0)), sensor).truth
     border = int((~truth.right_sees[200]).sum())
     assert border == pytest.approx(sensor.focal_baseline_px_m, abs=1.01)
     assert not truth.right_sees[200, :border].any()
@@ -156,6 +159,8 @@ def test_left_border_is_outside_the_right_image():
 
 def test_renders_are_bit_identical():
     sensor = small()
-    first, second = (render.layers(stage.Stage(builtin.tabletop()), sensor) for _ in range(2))
+    first, second = (
+        direct.layers(mitsuba_scene.Stage(scenes.tabletop()), sensor) for _ in range(2)
+    )
     for name in ("projector_direct", "ambient"):
         assert np.array_equal(getattr(first.left, name), getattr(second.left, name))

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim import imager
-from sim.imager import charge, converter, smoothing, well
-from sim.imager.fixed_pattern import Die
-from sim.sensor import Imager
+from starling.sim.imaging import imager
+from starling.sim.imaging.imager import charge, converter, smoothing, well
+from starling.sim.imaging.imager.fixed_pattern import Die
+from starling.sim.sensor.sensor import Imager
 
 SHAPE = (240, 320)
 FINE = Imager(full_well_e=10000.0, black_level_dn=6000.0)  # 6.55 DN an electron.

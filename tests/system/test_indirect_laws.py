@@ -12,12 +12,15 @@ import cv2
 import numpy as np
 import pytest
 
-from sim import backend, frames, indirect, paths, paths_scalar, projector, render, sensors, stage
-from sim.camera import cameras
-from sim.light.received import received
-from sim.lights import Lights
-from sim.scene import Ambient, Material, Scene
-from sim.scenes import builtin, solids
+from starling.sim.geometry import frames
+from starling.sim.imaging.lens_input import received
+from starling.sim.render import backend, emission, indirect, mitsuba_scene, paths, paths_scalar
+from starling.sim.render import direct as render
+from starling.sim.render.lights import Lights
+from starling.sim.render.rays import cameras
+from starling.sim.scene.builtin import scenes, solids
+from starling.sim.scene.scene import Ambient, Material, Scene
+from starling.sim.sensor import presets
 
 BRIGHT = 0.9
 
@@ -27,7 +30,7 @@ def even(tmp_path):
     """A small wide-angle camera with an even projector at the left imager's place."""
     path = tmp_path / "even.png"
     cv2.imwrite(str(path), np.full((96, 96), 200, np.uint8))
-    preset = sensors.load("d435")
+    preset = presets.load("d435")
     part = dataclasses.replace(
         preset.projector,
         pattern=str(path),
@@ -40,7 +43,7 @@ def even(tmp_path):
     )
 
 
-def lit(made: stage.Stage, sensor, *, samples: int, seed: int = 0):
+def lit(made: mitsuba_scene.Stage, sensor, *, samples: int, seed: int = 0):
     layers = render.layers(made, sensor)
     return indirect.add(layers, made, sensor, samples=samples, seed=seed)
 
@@ -64,7 +67,7 @@ def test_integrating_sphere(even, reflectance):
             "bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": reflectance}},
         }
     )
-    seen = lit(stage.Stage(Scene(name="sphere", shapes=(ball,))), even, samples=4096).left
+    seen = lit(mitsuba_scene.Stage(Scene(name="sphere", shapes=(ball,))), even, samples=4096).left
     area = 4 * np.pi * radius**2
     expected = reflectance**2 / (np.pi * area * (1 - reflectance))
     assert seen.projector_indirect.mean() == pytest.approx(expected, rel=0.005)
@@ -86,7 +89,7 @@ def test_energy_in_is_energy_out_in_a_white_box(even):
     room.invert()
     white = Material(name="white", reflectance=BRIGHT)
     body = solids.body("room", room, white)
-    made = stage.Stage(Scene(name="box", bodies=(body,)))
+    made = mitsuba_scene.Stage(Scene(name="box", bodies=(body,)))
     even = dataclasses.replace(
         even, width=128, height=128, fx_px=64.0, fy_px=64.0, cx_px=63.5, cy_px=63.5
     )
@@ -101,7 +104,7 @@ def test_energy_in_is_energy_out_in_a_white_box(even):
             even.projector, rotation_deg=tuple(-float(angle) for angle in turn)
         )
         sensor = dataclasses.replace(even, projector=part)
-        posed = stage.Stage(dataclasses.replace(made.scene, world_from_left=view))
+        posed = mitsuba_scene.Stage(dataclasses.replace(made.scene, world_from_left=view))
         layers = lit(posed, sensor, samples=128, seed=number)
         seen, normals = layers.left, layers.truth.normal
         radiance = seen.projector_direct + seen.projector_indirect
@@ -149,7 +152,7 @@ def direct(away_m, along_m, sensor):
     point = np.stack([flat, np.asarray(along_m) - PLATE_M / 2, CORNER_M - flat], axis=-1)
     distance = np.linalg.norm(point, axis=-1)
     facing = point @ np.array([1.0, 0.0, 1.0]) / np.sqrt(2) / distance
-    half_x, half_y = projector.half_tangents(sensor.projector)
+    half_x, half_y = emission.half_tangents(sensor.projector)
     cos_alpha = point[..., 2] / distance
     return facing / (4 * half_x * half_y * point[..., 2] ** 2 * cos_alpha)
 
@@ -178,7 +181,7 @@ def test_a_corner_agrees_with_the_radiosity_equation(even):
         )
         for name, side in (("right", 1), ("left", -1))
     ]
-    made = stage.Stage(Scene(name="corner", bodies=tuple(plates)))
+    made = mitsuba_scene.Stage(Scene(name="corner", bodies=tuple(plates)))
     layers = lit(made, sensor, samples=64)
     centres = (np.arange(PATCHES) + 0.5) / PATCHES * PLATE_M
     away, along = (axis.ravel() for axis in np.meshgrid(centres, centres, indexing="ij"))
@@ -205,8 +208,8 @@ def test_a_corner_agrees_with_the_radiosity_equation(even):
 
 def test_paths_agree_with_mitsubas_path_tracer(even):
     """Mean and picture of own paths and of Mitsuba's, on matt and glossy things, to 2 %."""
-    made = stage.Stage(builtin.clutter())
-    dots = projector.irradiance_at_unit_distance(even.projector)
+    made = mitsuba_scene.Stage(scenes.clutter())
+    dots = emission.irradiance_at_unit_distance(even.projector)
     camera, _ = cameras(even, made.scene.world_from_left)
     own = paths.radiance(made, camera, Lights.of(made, even), 512, 1)
     theirs = paths_scalar.radiance(
@@ -238,7 +241,7 @@ def test_a_mirror_shows_indirect_light_once(even):
     )
     part = dataclasses.replace(even.projector, rotation_deg=(0.0, 180.0, 0.0))
     sensor = dataclasses.replace(even, projector=part)
-    seen = lit(stage.Stage(Scene(name="mirror", bodies=bodies)), sensor, samples=64).left
+    seen = lit(mitsuba_scene.Stage(Scene(name="mirror", bodies=bodies)), sensor, samples=64).left
     shown = seen.body == 1
     direct = seen.projector_direct[shown].mean()
     assert direct > 0
@@ -246,7 +249,7 @@ def test_a_mirror_shows_indirect_light_once(even):
 
 
 def test_all_bounces_cost_equal_bits_for_equal_seeds(even):
-    made = stage.Stage(builtin.tabletop())
+    made = mitsuba_scene.Stage(scenes.tabletop())
     first, again, other = (
         lit(made, even, samples=4, seed=seed).left.projector_indirect for seed in (1, 1, 2)
     )
@@ -259,14 +262,14 @@ def test_ambient_light_leaves_the_dots_amplitude():
 
     It does not prove what auto exposure makes of it: a shorter exposure, dimmer dots.
     """
-    sensor = sensors.load("d435")
-    view = render.layers(stage.Stage(builtin.wall(1.0)), sensor, subpixels=1).left
+    sensor = presets.load("d435")
+    view = render.layers(mitsuba_scene.Stage(scenes.wall(1.0)), sensor, subpixels=1).left
     dim, bright = (
         received(
             view,
             Scene(
                 name="wall",
-                bodies=builtin.wall(1.0).bodies,
+                bodies=scenes.wall(1.0).bodies,
                 ambient=Ambient(irradiance_w_m2=irradiance),
             ),
             sensor,

@@ -9,9 +9,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim import backend, frames, materials, projector, render, sensors, stage
-from sim.scene import Ambient, Material, Scene
-from sim.scenes import solids
+from starling.sim.geometry import frames
+from starling.sim.render import backend, direct, emission, mitsuba_scene
+from starling.sim.scene import materials
+from starling.sim.scene.builtin import solids
+from starling.sim.scene.scene import Ambient, Material, Scene
+from starling.sim.sensor import presets
 
 REFLECTANCE = 0.6
 
@@ -23,7 +26,7 @@ def even(tmp_path):
 
     path = tmp_path / "even.png"
     cv2.imwrite(str(path), np.full((64, 96), 200, np.uint8))
-    sensor = sensors.load("d435")
+    sensor = presets.load("d435")
     part = dataclasses.replace(
         sensor.projector,
         pattern=str(path),
@@ -42,7 +45,7 @@ def wall(distance_m: float, *, tilt_deg: float = 0.0):
         frames.pose((0, 0, distance_m), (0, tilt_deg, 0)),
     )
     light = Ambient(gradient=0.0)
-    return stage.Stage(Scene(name="wall", bodies=(sheet,), ambient=light))
+    return mitsuba_scene.Stage(Scene(name="wall", bodies=(sheet,), ambient=light))
 
 
 def centre(image, sensor):
@@ -51,26 +54,26 @@ def centre(image, sensor):
 
 
 def irradiance_at_one_metre(sensor) -> float:
-    half_x, half_y = projector.half_tangents(sensor.projector)
+    half_x, half_y = emission.half_tangents(sensor.projector)
     return 1 / (4 * half_x * half_y)
 
 
 @pytest.mark.parametrize("distance_m", [0.5, 1.0, 2.0, 4.0])
 def test_lambertian_wall_and_inverse_square(even, distance_m):
-    seen = render.layers(wall(distance_m), even).left.projector_direct
+    seen = direct.layers(wall(distance_m), even).left.projector_direct
     expected = REFLECTANCE / np.pi * irradiance_at_one_metre(even) / distance_m**2
     assert centre(seen, even) == pytest.approx(expected, rel=0.005)
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 30.0, 60.0])
 def test_surface_cosine(even, tilt_deg):
-    seen = render.layers(wall(1.0, tilt_deg=tilt_deg), even).left.projector_direct
+    seen = direct.layers(wall(1.0, tilt_deg=tilt_deg), even).left.projector_direct
     expected = REFLECTANCE / np.pi * irradiance_at_one_metre(even) * np.cos(np.deg2rad(tilt_deg))
     assert centre(seen, even) == pytest.approx(expected, rel=0.005)
 
 
 def test_fronto_parallel_wall_is_even(even):
-    seen = render.layers(wall(1.0), even).left.projector_direct
+    seen = direct.layers(wall(1.0), even).left.projector_direct
     assert seen.max() / seen.min() == pytest.approx(1.0, abs=0.005)
 
 
@@ -81,8 +84,8 @@ def test_emitter_profile_is_as_set(even, falloff):
     )
     scene = wall(1.0)
     ratio = (
-        render.layers(scene, dimmed).left.projector_direct
-        / render.layers(scene, even).left.projector_direct
+        direct.layers(scene, dimmed).left.projector_direct
+        / direct.layers(scene, even).left.projector_direct
     )
     column = np.arange(even.width)
     angle = np.arctan(np.hypot((column - even.cx_px) / even.fx_px, 0))
@@ -90,16 +93,16 @@ def test_emitter_profile_is_as_set(even, falloff):
 
 
 def test_ambient_wall(even):
-    seen = render.layers(wall(1.0), even).left
+    seen = direct.layers(wall(1.0), even).left
     assert centre(seen.ambient, even) == pytest.approx(REFLECTANCE / np.pi, rel=1e-4)
 
 
 def test_all_power_lands_on_the_plane(even):
     """Energy out = energy in: all emitters' irradiance integrated over the unit plane is 1 W."""
-    part = sensors.load("d415").projector
-    half_x, half_y = projector.half_tangents(part)
+    part = presets.load("d415").projector
+    half_x, half_y = emission.half_tangents(part)
     images = [
-        projector.irradiance_at_unit_distance(part, number) for number in range(len(part.emitters))
+        emission.irradiance_at_unit_distance(part, number) for number in range(len(part.emitters))
     ]
     total = sum(float(image.mean(dtype=np.float64)) * 4 * half_x * half_y for image in images)
     assert total == pytest.approx(1, rel=1e-3)
@@ -112,8 +115,8 @@ def test_no_material_returns_more_than_it_gets(even, material):
     """Furnace: even ambient light of irradiance 1 comes back as radiance of at most 1 / pi."""
     sheet = solids.body("wall", solids.plane(20, 20), material, frames.pose((0, 0, 1.0)))
     light = Ambient(gradient=0.0)
-    made = stage.Stage(Scene(name="wall", bodies=(sheet,), ambient=light))
-    assert render.layers(made, even).left.ambient.max() <= (1 + 1e-5) / np.pi
+    made = mitsuba_scene.Stage(Scene(name="wall", bodies=(sheet,), ambient=light))
+    assert direct.layers(made, even).left.ambient.max() <= (1 + 1e-5) / np.pi
 
 
 def test_other_ambient_light_compiles_nothing_anew(even):
@@ -123,6 +126,6 @@ def test_other_ambient_light_compiles_nothing_anew(even):
         for up, gradient in (((0.0, -1.0, 0.0), 0.31), ((0.0, -0.6, -0.8), 0.72)):
             dr.kernel_history_clear()
             light = Ambient(gradient=gradient, up=up)
-            render.layers(lit.of(dataclasses.replace(lit.scene, ambient=light)), even)
+            direct.layers(lit.of(dataclasses.replace(lit.scene, ambient=light)), even)
             ran = [one for one in dr.kernel_history() if one["type"] == dr.KernelType.JIT]
     assert ran and all(one["cache_hit"] and not one["cache_disk"] for one in ran)

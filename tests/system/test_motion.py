@@ -11,9 +11,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim import frames, render, sensors, stage
-from sim.scene import Ambient, Body, Material, Mesh, Motion, Scene
-from sim.scenes import builtin
+from starling.sim.geometry import frames
+from starling.sim.render import direct, mitsuba_scene
+from starling.sim.scene.builtin import scenes
+from starling.sim.scene.scene import Ambient, Body, Material, Mesh, Motion, Scene
+from starling.sim.sensor import presets
 
 FOCAL_PX = 200.0
 DISTANCE_M = 1.5
@@ -23,7 +25,7 @@ EXPOSURE_S = 20e-3
 
 def small(**changes):
     base = dataclasses.replace(
-        sensors.load("d435"),
+        presets.load("d435"),
         width=160,
         height=120,
         fx_px=FOCAL_PX,
@@ -37,7 +39,9 @@ def small(**changes):
 LEAN = 0.05  # Slope of edges to the pixels' columns: they are met at all fractions of a pixel.
 
 
-def edge(motion: Motion, *, at_m: float = 0.0, axis: int = 0, lean: float = LEAN) -> stage.Stage:
+def edge(
+    motion: Motion, *, at_m: float = 0.0, axis: int = 0, lean: float = LEAN
+) -> mitsuba_scene.Stage:
     """A plane, dark up to `at_m` along x (axis 0) or y (axis 1) and bright beyond."""
     texture = np.full((8, 8), DARK, np.float32)
     texture[:, 4:] = BRIGHT
@@ -56,7 +60,7 @@ def edge(motion: Motion, *, at_m: float = 0.0, axis: int = 0, lean: float = LEAN
     )
     body = Body(name="edge", mesh=mesh, material=Material(name="grey"), texture=texture)
     light = Ambient(gradient=0.0)
-    return stage.Stage(Scene(name="edge", bodies=(body,), ambient=light, motion=motion))
+    return mitsuba_scene.Stage(Scene(name="edge", bodies=(body,), ambient=light, motion=motion))
 
 
 def shares(image):
@@ -64,13 +68,13 @@ def shares(image):
     return (image.astype(np.float64) * np.pi - DARK) / (BRIGHT - DARK)
 
 
-def smear_px(made: stage.Stage, sensor, axis: int = 0) -> float:
+def smear_px(made: mitsuba_scene.Stage, sensor, axis: int = 0) -> float:
     """Length by which motion smears the edge, by the slopes' variance in each row or column.
 
     A box of width w has variance w^2 / 12; the pixel and the difference between two of them are
     boxes of 1 px besides.
     """
-    layers = render.layers(made, sensor, subpixels=4, exposure_s=EXPOSURE_S)
+    layers = direct.layers(made, sensor, subpixels=4, exposure_s=EXPOSURE_S)
     image = shares(layers.left.ambient)
     slope = np.diff(image if axis == 0 else image.T, axis=1)
     place = np.arange(slope.shape[1])
@@ -92,7 +96,7 @@ def test_sideways_motion_smears_by_f_v_t_over_z(speed_m_s, axis):
 def test_a_long_smear_is_smooth():
     """The ramp of 20 px is straight up to the step of one of its forty moments."""
     made = edge(Motion(velocity_m_s=(7.5, 0.0, 0.0)), lean=0.0)
-    share = shares(render.layers(made, small(), exposure_s=EXPOSURE_S).left.ambient)[0]
+    share = shares(direct.layers(made, small(), exposure_s=EXPOSURE_S).left.ambient)[0]
     inside = np.flatnonzero((share > 0.1) & (share < 0.9))
     line = np.polyval(np.polyfit(inside, share[inside], 1), inside)
     assert len(inside) == 16
@@ -105,10 +109,10 @@ def test_how_many_moments_are_traced_at_once_changes_no_bit(at_once, monkeypatch
     shutter = dataclasses.replace(small().left, rolling_shutter_s=EXPOSURE_S)
     for speed_m_s, sensor in ((0.0, small()), (7.5, small(left=shutter))):
         made = edge(Motion(velocity_m_s=(speed_m_s, 0.0, 0.0)))
-        whole = render.layers(made, sensor, subpixels=2, exposure_s=EXPOSURE_S)
+        whole = direct.layers(made, sensor, subpixels=2, exposure_s=EXPOSURE_S)
         with monkeypatch.context() as patched:
-            patched.setattr(render, "_RAYS", at_once * 160 * 120)
-            parts = render.layers(made, sensor, subpixels=2, exposure_s=EXPOSURE_S)
+            patched.setattr(direct, "_RAYS", at_once * 160 * 120)
+            parts = direct.layers(made, sensor, subpixels=2, exposure_s=EXPOSURE_S)
         for one, other in ((whole.left, parts.left), (whole.right, parts.right)):
             np.testing.assert_array_equal(one.ambient, other.ambient)
             np.testing.assert_array_equal(one.projector_direct, other.projector_direct)
@@ -118,7 +122,7 @@ def test_coarser_moments_smear_as_far_in_fewer_steps():
     """At most 2 px apart in place of a half: 16 moments in place of 40 for a ramp of 20 px."""
     made = edge(Motion(velocity_m_s=(7.5, 0.0, 0.0)), lean=0.0)
     fine, coarse = (
-        shares(render.layers(made, small(), exposure_s=EXPOSURE_S, step_px=px).left.ambient)[0]
+        shares(direct.layers(made, small(), exposure_s=EXPOSURE_S, step_px=px).left.ambient)[0]
         for px in (0.5, 2.0)
     )
     np.testing.assert_allclose(16 * coarse, np.round(16 * coarse), atol=1e-3)
@@ -138,7 +142,7 @@ def test_forward_motion_smears_along_the_radius(smear, axis):
 
 def test_forward_motion_leaves_the_middle_sharp():
     made = edge(Motion(velocity_m_s=(0.0, 0.0, 4.0)), lean=0.0)
-    share = shares(render.layers(made, small(), exposure_s=EXPOSURE_S).left.ambient)
+    share = shares(direct.layers(made, small(), exposure_s=EXPOSURE_S).left.ambient)
     assert set(np.round(share, 3).ravel()) == {0.0, 1.0}
 
 
@@ -154,11 +158,9 @@ def test_dots_on_a_plane_move_with_the_sensor():
 
     It does not prove that they stay on a surface with relief, where they wander.
     """
-    wall = dataclasses.replace(
-        builtin.wall(DISTANCE_M), motion=Motion(velocity_m_s=(2.0, 1.0, 0.0))
-    )
-    moving = render.layers(stage.Stage(wall), small(), exposure_s=EXPOSURE_S)
-    still = render.layers(stage.Stage(builtin.wall(DISTANCE_M)), small())
+    wall = dataclasses.replace(scenes.wall(DISTANCE_M), motion=Motion(velocity_m_s=(2.0, 1.0, 0.0)))
+    moving = direct.layers(mitsuba_scene.Stage(wall), small(), exposure_s=EXPOSURE_S)
+    still = direct.layers(mitsuba_scene.Stage(scenes.wall(DISTANCE_M)), small())
     for name in ("left", "right"):
         a, b = (getattr(layers, name).projector_direct for layers in (moving, still))
         assert np.abs(a - b).max() < 1e-3 * b.max()
@@ -175,7 +177,7 @@ def test_rolling_shutter_leans_edges(side):
         left=dataclasses.replace(sensor.left, rolling_shutter_s=readout),
         right=dataclasses.replace(sensor.right, rolling_shutter_s=readout),
     )
-    image = getattr(render.layers(made, rolling), side).ambient
+    image = getattr(direct.layers(made, rolling), side).ambient
     # How much of a row is bright says where its edge is.
     edges = sensor.width - shares(image).sum(axis=1) - 0.5
     rows = np.arange(sensor.height)
@@ -189,8 +191,8 @@ def test_rolling_shutter_leans_edges(side):
 
 def test_the_truth_is_of_the_middle_of_the_exposure():
     made = edge(Motion(velocity_m_s=(1.0, 0.0, 3.0), turn_deg_s=(0.0, 30.0, 0.0)))
-    still = stage.Stage(dataclasses.replace(made.scene, motion=Motion()))
-    moving, resting = (render.layers(s, small(), exposure_s=EXPOSURE_S) for s in (made, still))
+    still = mitsuba_scene.Stage(dataclasses.replace(made.scene, motion=Motion()))
+    moving, resting = (direct.layers(s, small(), exposure_s=EXPOSURE_S) for s in (made, still))
     for name in ("depth_m", "normal", "right_sees", "lit"):
         assert np.array_equal(getattr(moving.truth, name), getattr(resting.truth, name))
     assert np.array_equal(moving.left.depth_m, resting.left.depth_m)
@@ -202,8 +204,8 @@ def test_nothing_moves_nothing_changes():
     rolling = dataclasses.replace(
         sensor, left=dataclasses.replace(sensor.left, rolling_shutter_s=0.02)
     )
-    made = stage.Stage(builtin.tabletop())
-    plain, other = render.layers(made, sensor), render.layers(made, rolling, exposure_s=0.03)
+    made = mitsuba_scene.Stage(scenes.tabletop())
+    plain, other = direct.layers(made, sensor), direct.layers(made, rolling, exposure_s=0.03)
     for side in ("left", "right"):
         for name in ("projector_direct", "ambient", "other", "depth_m"):
             pair = (getattr(getattr(layers, side), name) for layers in (plain, other))
@@ -220,9 +222,9 @@ def test_a_moving_rig_sees_what_a_rig_there_sees():
         right=dataclasses.replace(sensor.right, rolling_shutter_s=readout),
     )
     scene = dataclasses.replace(
-        builtin.tabletop(), world_from_left=frames.pose((0.05, -0.1, 0.1), (5.0, 10.0, -8.0))
+        scenes.tabletop(), world_from_left=frames.pose((0.05, -0.1, 0.1), (5.0, 10.0, -8.0))
     )
-    seen = render.layers(stage.Stage(dataclasses.replace(scene, motion=motion)), rolling)
+    seen = direct.layers(mitsuba_scene.Stage(dataclasses.replace(scene, motion=motion)), rolling)
     for row in (0, 37, sensor.height - 1):
         time = (row / (sensor.height - 1) - 0.5) * readout
         position, turn = (
@@ -232,7 +234,7 @@ def test_a_moving_rig_sees_what_a_rig_there_sees():
         there = dataclasses.replace(
             scene, world_from_left=scene.world_from_left @ frames.pose(position, turn)
         )
-        resting = render.layers(stage.Stage(there), sensor)
+        resting = direct.layers(mitsuba_scene.Stage(there), sensor)
         for side in ("left", "right"):
             for name in ("projector_direct", "ambient"):
                 a, b = (getattr(getattr(x, side), name)[row] for x in (seen, resting))

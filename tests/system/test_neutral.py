@@ -11,13 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim import atlas, effects, imager, render, sensors, simulate
-from sim.effects import Effect, Stage, Value, setting
-from sim.layers import Layers
-from sim.scene import Scene
-from sim.scenes import builtin
-from sim.sensor import Sensor
-from sim.stage import Stage as Set
+from starling.sim import effects, simulate
+from starling.sim.commands import atlas
+from starling.sim.effects import Effect, Stage, Value
+from starling.sim.effects import setting as setting
+from starling.sim.imaging import imager
+from starling.sim.render import direct
+from starling.sim.render.layers import Layers
+from starling.sim.render.mitsuba_scene import Stage as Set
+from starling.sim.scene.builtin import scenes
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Sensor
 
 SMALL = 0.4
 FRAMES = 5  # For what acts over time.
@@ -26,13 +31,13 @@ FRAMES = 5  # For what acts over time.
 @cache
 def noisy() -> tuple[Sensor, Scene]:
     """A D435 at two fifths of its size, as the preset has it."""
-    preset = sensors.load("d435")
+    preset = presets.load("d435")
     geometry = {
         name: getattr(preset, name) * SMALL for name in ("fx_px", "fy_px", "cx_px", "cy_px")
     }
     size = {name: round(getattr(preset, name) * SMALL) for name in ("width", "height")}
     matcher = dataclasses.replace(preset.matcher, search_px=64)
-    return dataclasses.replace(preset, **geometry, **size, matcher=matcher), builtin.tabletop()
+    return dataclasses.replace(preset, **geometry, **size, matcher=matcher), scenes.tabletop()
 
 
 @cache
@@ -45,7 +50,7 @@ def ideal() -> tuple[Sensor, Scene]:
 @cache
 def ideal_layers() -> Layers:
     sensor, scene = ideal()
-    return render.layers(Set(scene), sensor)
+    return direct.layers(Set(scene), sensor)
 
 
 def test_the_ideal_camera_is_nothing_but_a_scale() -> None:

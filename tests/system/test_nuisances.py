@@ -16,16 +16,19 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from diagnosis import check_camera, estimated, named, nuisances, pose, subject
-from diagnosis.nuisances import AMBIENT, SCALE, SHIFT, TURN, Nuisance
-from diagnosis.which.candidates import Arm
-from sim import capture, png, simulate
-from sim.capture import CapturedScene
-from sim.depth import to_code
-from sim.scene import ModelError
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
-from sim.simulate_captures import simulate_captures
+from starling.diagnosis.scenes import estimated, fit_scene, pose, scene_model
+from starling.diagnosis.scenes.fit_scene import AMBIENT, SCALE, SHIFT, TURN, Nuisance
+from starling.diagnosis.validation.adapters import check_camera
+from starling.diagnosis.which import attribution
+from starling.diagnosis.which.candidates import Arm
+from starling.sim import simulate
+from starling.sim.captures import capture, png
+from starling.sim.captures.capture import CapturedScene
+from starling.sim.commands.simulate_captures import simulate_captures
+from starling.sim.scene.scene import ModelError
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import to_code
 
 WARM = 1.0013
 SENSOR = check_camera.camera(424, 240)
@@ -45,7 +48,7 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> CapturedScene:
 
 
 def fitted(scene: CapturedScene, sensor: Sensor) -> float | None:
-    found = nuisances.of_dots(scene, sensor)
+    found = fit_scene.of_dots(scene, sensor)
     return found[SCALE].own if found else None
 
 
@@ -73,14 +76,14 @@ def test_where_the_first_frame_has_depth_alone_another_tells(warm, tmp_path):
 
 def test_without_dots_ambient_light_is_not_fitted(warm, tmp_path):
     off = with_values(SENSOR, [("projector.power_w", 0.0)])
-    assert nuisances.of_dots(warm, off) == {}
-    assert nuisances.of_light(warm, estimated.scene(warm, off)[0], off) == {}
+    assert fit_scene.of_dots(warm, off) == {}
+    assert fit_scene.of_light(warm, estimated.scene(warm, off)[0], off) == {}
     whole = shutil.copytree(warm.path.parent, tmp_path / "set")
     for image in whole.rglob("ir_*.png"):
         image.unlink()
     (blind,) = capture.open_set(whole).scenes
-    assert nuisances.of_dots(blind, SENSOR) == {}
-    assert nuisances.of_light(blind, estimated.scene(blind, SENSOR)[0], SENSOR) == {}
+    assert fit_scene.of_dots(blind, SENSOR) == {}
+    assert fit_scene.of_light(blind, estimated.scene(blind, SENSOR)[0], SENSOR) == {}
 
 
 @pytest.mark.long
@@ -88,19 +91,19 @@ def test_dots_of_another_pattern_or_none_tell_no_scale(warm, tmp_path):
     scene = estimated.surface(warm)
     for path, value in (("projector.pattern_seed", 3), ("projector.power_w", 0.0)):
         sensor = with_values(SENSOR, [(path, value)])
-        assert nuisances.pattern_scale(warm, scene, sensor) is None
+        assert fit_scene.pattern_scale(warm, scene, sensor) is None
     alone = captured(tmp_path / "alone")
     (alone.path / "0" / "ir_right.png").unlink()
     (again,) = capture.open_set(tmp_path / "alone").scenes
-    assert nuisances.pattern_scale(again, scene, SENSOR) is None
+    assert fit_scene.pattern_scale(again, scene, SENSOR) is None
 
 
 def test_a_subject_is_simulated_as_its_scene_was(warm):
-    one = subject.subject(warm, SENSOR)
+    one = scene_model.subject(warm, SENSOR)
     assert one.nuisances.keys() == {AMBIENT, SCALE, *TURN, *SHIFT}
     assert one.sensor.projector.pattern_scale == one.nuisances[SCALE].own != 1
     assert one.nuisances[AMBIENT].own == one.scene.ambient.irradiance_w_m2
-    again = subject.subject(warm, SENSOR, fitted=FITTED)
+    again = scene_model.subject(warm, SENSOR, fitted=FITTED)
     assert again.sensor.projector.pattern_scale == 0.999
     assert again.nuisances[SCALE] == FITTED[SCALE]
 
@@ -114,22 +117,22 @@ def test_a_reference_that_stands_off_is_put_right(warm, tmp_path):
     code = to_code(off, info.depth_unit_m)
     (whole / warm.name / "truth.png").write_bytes(png.encode(code))
     (scene,) = capture.open_set(whole).scenes
-    found = nuisances.of_reference(scene, SENSOR)
+    found = fit_scene.of_reference(scene, SENSOR)
     assert found.keys() == {*TURN, *SHIFT}
-    right = nuisances.put_right(scene, found)
+    right = fit_scene.put_right(scene, found)
     before, after = (
         np.nanmedian(np.abs(info.disparity_px(one.truth_m()) - info.disparity_px(true_m)))
         for one in (scene, right)
     )
     assert after < before / 2
-    one = subject.subject(scene, SENSOR)
+    one = scene_model.subject(scene, SENSOR)
     assert {name: one.nuisances[name].own for name in found} == {
         name: each.own for name, each in found.items()
     }
     known = np.isfinite(one.ground.disparity_px)
     assert_allclose(one.ground.disparity_px[known], info.disparity_px(right.truth_m())[known])
-    assert "model_turn" not in {each.name for each in named.tried(Arm.IMAGE, [one])}
-    assert nuisances.own({"model_turn": 0.3}, one.nuisances) == {"model_turn": 0.3}
+    assert "model_turn" not in {each.name for each in attribution.tried(Arm.IMAGE, [one])}
+    assert fit_scene.own({"model_turn": 0.3}, one.nuisances) == {"model_turn": 0.3}
 
 
 def test_each_scene_s_pose_is_fitted_with_noise_of_its_own(warm, monkeypatch):
@@ -143,7 +146,7 @@ def test_each_scene_s_pose_is_fitted_with_noise_of_its_own(warm, monkeypatch):
 
     monkeypatch.setattr(simulate, "infrared", drawn)
     for name in ("hall", "attic"):
-        assert nuisances.of_reference(dataclasses.replace(warm, name=name), SENSOR)
+        assert fit_scene.of_reference(dataclasses.replace(warm, name=name), SENSOR)
     assert len(set(seeds)) == len(seeds) == 2
 
 
@@ -151,19 +154,19 @@ def test_no_reference_is_moved_without_a_pair(warm, tmp_path):
     whole = shutil.copytree(warm.path.parent, tmp_path / "set")
     (whole / warm.name / "0" / "ir_right.png").unlink()
     (scene,) = capture.open_set(whole).scenes
-    assert nuisances.of_reference(scene, SENSOR) == {}
-    assert nuisances.put_right(scene, {}) is scene
+    assert fit_scene.of_reference(scene, SENSOR) == {}
+    assert fit_scene.put_right(scene, {}) is scene
 
 
 def test_effects_depart_from_what_a_scene_has_of_its_own():
-    assert nuisances.own({"gamma": 1.2}, FITTED) == {"gamma": 1.2}
-    assert nuisances.own({SCALE: 1.002, "gamma": 1.2}, FITTED) == pytest.approx(
+    assert fit_scene.own({"gamma": 1.2}, FITTED) == {"gamma": 1.2}
+    assert fit_scene.own({SCALE: 1.002, "gamma": 1.2}, FITTED) == pytest.approx(
         {SCALE: 1.001, "gamma": 1.2}
     )
-    assert nuisances.own(nuisances.commonly(FITTED), FITTED) == {AMBIENT: 0.1, SCALE: 0.999}
-    assert nuisances.own({AMBIENT: 0.6}, FITTED) == pytest.approx({AMBIENT: 0.3})
-    assert nuisances.own({AMBIENT: 0.2}, FITTED) == {AMBIENT: 0.0}
-    assert nuisances.on_sensor(SENSOR, {AMBIENT: FITTED[AMBIENT]}) is SENSOR
+    assert fit_scene.own(fit_scene.commonly(FITTED), FITTED) == {AMBIENT: 0.1, SCALE: 0.999}
+    assert fit_scene.own({AMBIENT: 0.6}, FITTED) == pytest.approx({AMBIENT: 0.3})
+    assert fit_scene.own({AMBIENT: 0.2}, FITTED) == {AMBIENT: 0.0}
+    assert fit_scene.on_sensor(SENSOR, {AMBIENT: FITTED[AMBIENT]}) is SENSOR
 
 
 @pytest.mark.long
@@ -171,9 +174,9 @@ def test_what_was_fitted_is_tried_against_another_capture_alone(warm):
     """Of the very images that it was fitted to it is no question."""
     tried = {}
     for against in (None, warm):
-        one = subject.subject(warm, SENSOR, against=against, fitted=FITTED)
+        one = scene_model.subject(warm, SENSOR, against=against, fitted=FITTED)
         families = ["ambient", "pattern_scale"]
-        _, screen = named.screened(Arm.IMAGE, [one], families=families)
+        _, screen = attribution.screened(Arm.IMAGE, [one], families=families)
         tried[against] = {rough.name: rough for rough in screen.rough}
     assert tried[None].keys() == {"sunlight"}
     assert tried[warm].keys() == {AMBIENT, SCALE, "sunlight"}

@@ -11,11 +11,15 @@ from typing import Any
 
 import pytest
 
-from sim import backend, differentiable, frames, sensors, simulate
-from sim.scene import Finish, Material, Scene, Sun
-from sim.scenes import solids
-from sim.sensor import Projector
-from sim.stage import Stage
+from starling.sim import simulate
+from starling.sim.differentiable import light
+from starling.sim.geometry import frames
+from starling.sim.render import backend
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.builtin import solids
+from starling.sim.scene.scene import Finish, Material, Scene, Sun
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Projector
 
 
 @pytest.fixture
@@ -54,11 +58,11 @@ def test_rays_are_traced_in_one_scene(asked: set[int]) -> None:
         interreflection=1.0,
     )
     sensor = dataclasses.replace(
-        sensors.load("d435"), width=64, height=48, fx_px=60.0, fy_px=60.0, cx_px=31.5, cy_px=23.5
+        presets.load("d435"), width=64, height=48, fx_px=60.0, fy_px=60.0, cx_px=31.5, cy_px=23.5
     )
     stage = Stage(scene)
     simulate.simulate(stage, sensor, samples=1)
     assert asked == {id(stage.mitsuba)}
     asked.clear()
-    differentiable.trace(stage, sensor, "left")
+    light.trace(stage, sensor, "left")
     assert asked == {id(stage.mitsuba)}

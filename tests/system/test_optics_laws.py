@@ -12,15 +12,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim import metrics, render, sensors, stage
-from sim.depth import depth_from_disparity
-from sim.layers import Image, Layers
-from sim.light.received import Received, received
-from sim.optics import image
-from sim.scenes import builtin
-from sim.sensor import Alignment, Imager, Lens, Sensor
+from starling.sim import metrics
+from starling.sim.imaging.lens_input import Received, received
+from starling.sim.imaging.optics import image
+from starling.sim.render import direct, mitsuba_scene
+from starling.sim.render.layers import Image, Layers
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Alignment, Imager, Lens, Sensor
+from starling.sim.stereo.depth import depth_from_disparity
 
-D435 = sensors.load("d435")
+D435 = presets.load("d435")
 FB = D435.focal_baseline_px_m
 _REAL = Imager(quantum_efficiency=0.25, pixel_pitch_m=4.49e-6)
 DISTANCES_M = tuple(FB / d for d in (40, 20, 10, 5))  # Whole disparities: equal sampling.
@@ -43,9 +45,9 @@ def sensor_with(
 
 
 @cache
-def wall(distance_m: float) -> tuple[stage.Stage, Layers]:
-    made = stage.Stage(builtin.wall(distance_m))
-    return made, render.layers(made, D435)
+def wall(distance_m: float) -> tuple[mitsuba_scene.Stage, Layers]:
+    made = mitsuba_scene.Stage(scenes.wall(distance_m))
+    return made, direct.layers(made, D435)
 
 
 def form(
@@ -229,7 +231,7 @@ def test_the_filters_blue_shift_takes_the_dots_and_leaves_the_room(
 ) -> None:
     """Towards the corner laser light falls by more than the ambient light, which does not fall.
 
-    How much is the law of `sim.spectra`. Does not show what a lamp of uneven spectrum does.
+    How much is the law of `starling.sim.scene.spectra`. Does not show what a lamp of uneven spectrum does.
     """
     made, layers = wall(DISTANCES_M[1])
     light = received(layers.left, made.scene, D435, seed=0, frame=0)
@@ -248,8 +250,8 @@ def test_the_veil_is_a_pedestal_without_the_scenes_structure() -> None:
 
     Does not show ghosts or the veil that light from outside the image makes.
     """
-    made = stage.Stage(builtin.tabletop())
-    layers = render.layers(made, D435)
+    made = mitsuba_scene.Stage(scenes.tabletop())
+    layers = direct.layers(made, D435)
     light = received(layers.left, made.scene, D435, seed=0, frame=0)
     clear = form(light, layers, sensor_with()).astype(np.float64)
     veiled = form(light, layers, sensor_with(lens=Lens(blur_px=0.6, veil=0.05))).astype(np.float64)

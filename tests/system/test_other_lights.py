@@ -5,16 +5,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim import frames, render, sensors, stage
-from sim.scene import Material, Scene, Sun
-from sim.scenes import solids
-from sim.sensor import Projector
+from starling.sim.geometry import frames
+from starling.sim.render import direct, mitsuba_scene
+from starling.sim.scene.builtin import solids
+from starling.sim.scene.scene import Material, Scene, Sun
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Projector
 
 WHITE = Material(name="white", reflectance=0.6)
 
 
 def small(**changes):
-    base = dataclasses.replace(sensors.load("d435"), width=160, height=120, cx_px=79.5, cy_px=59.5)
+    base = dataclasses.replace(presets.load("d435"), width=160, height=120, cx_px=79.5, cy_px=59.5)
     return dataclasses.replace(base, fx_px=200.0, fy_px=200.0, **changes)
 
 
@@ -25,7 +27,7 @@ def plate(name, distance_m, *, size_m=8.0, x_m=0.0):
 
 def rendered(*bodies, sensor=None, subpixels=2, **changes):
     scene = Scene(name="test", bodies=bodies, **changes)
-    return render.layers(stage.Stage(scene), sensor or small(), subpixels=subpixels)
+    return direct.layers(mitsuba_scene.Stage(scene), sensor or small(), subpixels=subpixels)
 
 
 def middle(image):
@@ -99,7 +101,7 @@ def test_other_lights_add_up():
 def test_another_projector_before_a_structured_light_camera():
     """It may stand anywhere, though the camera's own takes the right imager's place."""
     kinect = dataclasses.replace(
-        sensors.load("kinect-v1"),
+        presets.load("kinect-v1"),
         width=160,
         height=120,
         fx_px=150.0,

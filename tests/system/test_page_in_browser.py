@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from diagnosis.report.page import page
+from starling.diagnosis.report.page import page
 from tests.unit.diagnosis.made_diagnosis import FULL
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")

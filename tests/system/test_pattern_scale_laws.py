@@ -15,20 +15,22 @@ import cv2
 import numpy as np
 import pytest
 
-from patterns import Pattern
-from patterns.field import Field
-from sim import projector, reference, render, sensors
-from sim.parts.emitter import Emitter
-from sim.scenes import builtin
-from sim.sensor import Sensor
-from sim.stage import Stage
+from starling.patterns import Pattern
+from starling.patterns.field import Field
+from starling.sim.render import direct, emission
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor import presets
+from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo import structured_light
 
 SIZE = {"width": 640, "height": 320, "cx_px": 319.5, "cy_px": 159.5}
 
 
 def camera(focal_px: float, **light: Any) -> Sensor:
     """A camera with one emitter, at the left imager."""
-    preset = sensors.load("d415")
+    preset = presets.load("d415")
     part = dataclasses.replace(preset.projector, position_m=(0.0, 0.0, 0.0), emitters=())
     part = dataclasses.replace(part, **light)
     return dataclasses.replace(preset, **SIZE, fx_px=focal_px, fy_px=focal_px, projector=part)
@@ -40,7 +42,7 @@ def scaled(sensor: Sensor, scale: float) -> Sensor:
 
 
 def lit(sensor: Sensor, distance_m: float = 1.0) -> np.ndarray:
-    layers = render.layers(Stage(builtin.wall(distance_m)), sensor)
+    layers = direct.layers(Stage(scenes.wall(distance_m)), sensor)
     return layers.left.projector_direct.astype(np.float64)
 
 
@@ -61,7 +63,7 @@ def dots(monkeypatch: pytest.MonkeyPatch) -> Sensor:
             name=f"dots, seed {seed}",
         )
 
-    monkeypatch.setitem(projector.GENERATORS, "dots", make)
+    monkeypatch.setitem(emission.GENERATORS, "dots", make)
     return camera(400.0, pattern="dots", fov_x_deg=100.0, fov_y_deg=40.0)
 
 
@@ -124,7 +126,7 @@ def test_even_light_changes_by_the_laws_factor(even: Sensor, scale: float) -> No
     a, b = x / np.sqrt(far) / scale, y / np.sqrt(far) / scale
     nominal_cos = np.sqrt(1 - a**2 - b**2)
     expected = (1 / far / nominal_cos**2) ** 2 / scale**2
-    half_x, half_y = projector.half_tangents(even.projector)
+    half_x, half_y = emission.half_tangents(even.projector)
     inside = np.maximum(abs(a / nominal_cos) / half_x, abs(b / nominal_cos) / half_y)
     # Two pixels in from the edges of either field; sub-pixel means add the curvature's rest.
     deep = (inside < 0.98) & (abs(x) < 0.98 * half_x) & (abs(y) < 0.98 * half_y)
@@ -150,5 +152,7 @@ def test_a_scale_next_to_neutral_is_next_to_neutral(even: Sensor) -> None:
 
 
 def test_structured_lights_reference_keeps_its_scale() -> None:
-    kinect = sensors.load("kinect-v1")
-    assert np.array_equal(reference.image(kinect), reference.image(scaled(kinect, 1.003)))
+    kinect = presets.load("kinect-v1")
+    assert np.array_equal(
+        structured_light.image(kinect), structured_light.image(scaled(kinect, 1.003))
+    )

@@ -11,11 +11,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim import frames, indirect, placement, render, sensors, stage
-from sim.depth import depth_from_disparity
-from sim.scene import Ambient, Material, Mesh, ModelError, Motion, Scene, Sun
-from sim.scenes import builtin, solids
-from sim.sensor import Projector
+from starling.sim.geometry import frames, placement
+from starling.sim.render import direct, indirect, mitsuba_scene
+from starling.sim.scene.builtin import scenes, solids
+from starling.sim.scene.scene import Ambient, Material, Mesh, ModelError, Motion, Scene, Sun
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Projector
+from starling.sim.stereo.depth import depth_from_disparity
 
 SCALE = 1.04
 SHIFT_M = (0.02, -0.03, 0.05)
@@ -25,7 +27,7 @@ LAYERS = ("projector_direct", "projector_indirect", "ambient", "other")
 
 def small(**changes):
     base = dataclasses.replace(
-        sensors.load("d435"),
+        presets.load("d435"),
         width=160,
         height=120,
         fx_px=100.0,
@@ -39,7 +41,7 @@ def small(**changes):
 def tabletop() -> Scene:
     """A table under the sun, with another device's projector beside it, seen from anywhere."""
     return dataclasses.replace(
-        builtin.tabletop(),
+        scenes.tabletop(),
         world_from_left=frames.pose((0.05, -0.1, 0.1), (10.0, 4.0, -6.0)),
         sun=Sun(irradiance_w_m2=0.4),
         other_projector=Projector(power_w=0.2, position_m=(0.3, 0.1, 0.0)),
@@ -89,9 +91,11 @@ def test_a_scaled_model_is_a_scaled_scene():
     """
     scene = tabletop()
     wrong = dataclasses.replace(scene, model_error=ModelError(scale=SCALE))
-    found = render.layers(stage.Stage(wrong), small())
-    expected = render.layers(stage.Stage(truly(scene, np.diag([SCALE] * 3 + [1.0]))), small())
-    plain = render.layers(stage.Stage(scene), small())
+    found = direct.layers(mitsuba_scene.Stage(wrong), small())
+    expected = direct.layers(
+        mitsuba_scene.Stage(truly(scene, np.diag([SCALE] * 3 + [1.0]))), small()
+    )
+    plain = direct.layers(mitsuba_scene.Stage(scene), small())
     agree(found, expected)
     assert not np.allclose(found.left.projector_direct.mean(), plain.left.projector_direct.mean())
     np.testing.assert_allclose(
@@ -103,9 +107,11 @@ def test_a_shifted_and_turned_model_is_a_shifted_and_turned_scene():
     """With ambient light from above left where it is: the sky turns with the world."""
     scene = dataclasses.replace(tabletop(), ambient=Ambient(gradient=0.0), sun=Sun())
     error = ModelError(shift_m=SHIFT_M, turn_deg=TURN_DEG)
-    found = render.layers(stage.Stage(dataclasses.replace(scene, model_error=error)), small())
+    found = direct.layers(
+        mitsuba_scene.Stage(dataclasses.replace(scene, model_error=error)), small()
+    )
     moved = truly(scene, frames.pose(SHIFT_M, TURN_DEG))
-    agree(found, render.layers(stage.Stage(moved), small()))
+    agree(found, direct.layers(mitsuba_scene.Stage(moved), small()))
 
 
 def test_scale_turn_and_shift_act_in_this_order():
@@ -113,10 +119,10 @@ def test_scale_turn_and_shift_act_in_this_order():
     scene = dataclasses.replace(tabletop(), ambient=Ambient(gradient=0.0), sun=Sun())
     error = ModelError(scale=SCALE, shift_m=SHIFT_M, turn_deg=TURN_DEG)
     true_from_model = frames.pose(SHIFT_M, TURN_DEG) @ np.diag([SCALE] * 3 + [1.0])
-    made = stage.Stage(dataclasses.replace(scene, model_error=error))
-    moved = stage.Stage(truly(scene, true_from_model))
+    made = mitsuba_scene.Stage(dataclasses.replace(scene, model_error=error))
+    moved = mitsuba_scene.Stage(truly(scene, true_from_model))
     found, expected = (
-        indirect.add(render.layers(each, small()), each, small(), samples=4, seed=3)
+        indirect.add(direct.layers(each, small()), each, small(), samples=4, seed=3)
         for each in (made, moved)
     )
     for side in ("left", "right"):
@@ -133,13 +139,13 @@ def test_scale_turn_and_shift_act_in_this_order():
     agree(*plain)
 
 
-def step(distance_m: float) -> stage.Stage:
+def step(distance_m: float) -> mitsuba_scene.Stage:
     """A bright sheet before a dark room, whose leaning edge stands before the left imager."""
     sheet = solids.plane(40, 40)
     sheet.apply_translation((20.0, 0.0, 0.0))
     sheet.apply_transform(frames.pose((0.0, 0.0, distance_m), (0.0, 0.0, 8.0)))
     body = solids.body("sheet", sheet, Material(name="white", reflectance=0.9))
-    return stage.Stage(Scene(name="step", bodies=(body,), ambient=Ambient(gradient=0.0)))
+    return mitsuba_scene.Stage(Scene(name="step", bodies=(body,), ambient=Ambient(gradient=0.0)))
 
 
 def edge_px(image) -> float:
@@ -155,7 +161,7 @@ def test_baseline_error_scales_disparity_and_depth(error):
     """
     sensor = small(baseline_error=error)
     for distance in (0.6, 1.2, 2.4):
-        layers = render.layers(step(distance), sensor, subpixels=8)
+        layers = direct.layers(step(distance), sensor, subpixels=8)
         disparity = edge_px(layers.left.ambient) - edge_px(layers.right.ambient)
         expected = sensor.fx_px * sensor.baseline_m * (1 + error) / distance
         assert disparity == pytest.approx(expected, abs=0.01)
@@ -167,25 +173,25 @@ def test_baseline_error_scales_disparity_and_depth(error):
 
 
 def test_baseline_error_of_structured_light_moves_the_projector():
-    sensor = sensors.load("kinect-v1")
+    sensor = presets.load("kinect-v1")
     nominal = dataclasses.replace(sensor, baseline_error=0.015)
     baseline = sensor.baseline_m * 1.015
     part = dataclasses.replace(sensor.projector, position_m=(baseline, 0.0, 0.0))
     true = dataclasses.replace(sensor, baseline_m=baseline, projector=part)
-    scene = stage.Stage(builtin.wall(1.0))
-    found, expected = (render.layers(scene, each, subpixels=1) for each in (nominal, true))
+    scene = mitsuba_scene.Stage(scenes.wall(1.0))
+    found, expected = (direct.layers(scene, each, subpixels=1) for each in (nominal, true))
     assert np.array_equal(found.left.projector_direct, expected.left.projector_direct)
     assert not np.array_equal(
         found.left.projector_direct,
-        render.layers(scene, sensor, subpixels=1).left.projector_direct,
+        direct.layers(scene, sensor, subpixels=1).left.projector_direct,
     )
 
 
 def test_what_stands_right_stays_untouched():
     """Without errors stage, sensor and layers are the same objects."""
-    made, sensor = stage.Stage(builtin.wall(1.0)), small()
+    made, sensor = mitsuba_scene.Stage(scenes.wall(1.0)), small()
     assert placement.in_model(made, sensor) == (made, sensor)
-    layers = render.layers(made, sensor)
+    layers = direct.layers(made, sensor)
     assert placement.enlarged(layers, made.scene) is layers
 
 
@@ -196,6 +202,7 @@ def test_motion_is_the_true_rigs():
     wrong = dataclasses.replace(scene, model_error=ModelError(scale=1.25))
     right = truly(scene, np.diag([1.25] * 3 + [1.0]))
     found, expected = (
-        render.layers(stage.Stage(each), small(), exposure_s=0.01) for each in (wrong, right)
+        direct.layers(mitsuba_scene.Stage(each), small(), exposure_s=0.01)
+        for each in (wrong, right)
     )
     agree(found, expected)

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.capture import open_set
-from sim.depth import disparity_from_depth, from_code, to_code
-from sim.post import decimation, hole_filling, spatial, temporal, threshold
+from starling.sim.captures.capture import open_set
+from starling.sim.stereo.depth import disparity_from_depth, from_code, to_code
+from starling.sim.stereo.post import decimation, hole_filling, spatial, temporal, threshold
 
 NAN = np.float32(np.nan)
 DELTA_PX = 20 / 32  # librealsense's default.

@@ -12,13 +12,16 @@ import cv2
 import numpy as np
 import pytest
 
-from patterns import Pattern
-from patterns.field import Field
-from sim import metrics, projector, reference, render, sensors, simulate, stage
-from sim.light.received import received
-from sim.scene import Ambient
-from sim.scenes import builtin
-from sim.sensor_edits import with_values
+from starling.patterns import Pattern
+from starling.patterns.field import Field
+from starling.sim import metrics, simulate
+from starling.sim.imaging.lens_input import received
+from starling.sim.render import direct, emission, mitsuba_scene
+from starling.sim.scene.builtin import scenes
+from starling.sim.scene.scene import Ambient
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.stereo import structured_light
 
 FWHM_MRAD = 5.0
 SIGMA_MRAD = FWHM_MRAD / np.sqrt(8 * np.log(2))
@@ -42,8 +45,8 @@ def fine(monkeypatch):
             name=f"one dot, seed {seed}",
         )
 
-    monkeypatch.setitem(projector.GENERATORS, "one dot", one_dot)
-    sensor = sensors.load("d435")
+    monkeypatch.setitem(emission.GENERATORS, "one dot", one_dot)
+    sensor = presets.load("d435")
     part = dataclasses.replace(
         sensor.projector,
         pattern="one dot",
@@ -61,7 +64,7 @@ def with_light(sensor, **changes):
 
 
 def lit(sensor, distance_m):
-    return render.layers(stage.Stage(builtin.wall(distance_m)), sensor).left.projector_direct
+    return direct.layers(mitsuba_scene.Stage(scenes.wall(distance_m)), sensor).left.projector_direct
 
 
 def width_mrad(image):
@@ -116,7 +119,7 @@ def even(tmp_path):
     """A D435 whose projector, 10 cm beside the left imager, lights its wide field evenly."""
     cv2.imwrite(str(tmp_path / "even.png"), np.full((64, 96), 200, np.uint8))
     changes = {"pattern": str(tmp_path / "even.png"), "position_m": (0.1, 0.0, 0.0)}
-    return with_light(sensors.load("d435"), **changes, fov_x_deg=130.0, fov_y_deg=110.0)
+    return with_light(presets.load("d435"), **changes, fov_x_deg=130.0, fov_y_deg=110.0)
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 10.0])
@@ -147,11 +150,11 @@ def test_the_projectors_pose_does_not_move_stereo_depth(change):
     By correlating noise-free renders. It does not prove that a matcher finds as much: other dots
     in a window make another error of its own.
     """
-    sensor, distance_m = sensors.load("d435"), 1.0
+    sensor, distance_m = presets.load("d435"), 1.0
     expected = sensor.focal_baseline_px_m / distance_m
     found = []
     for each in (sensor, with_light(sensor, **change)):
-        layers = render.layers(stage.Stage(builtin.wall(distance_m)), each)
+        layers = direct.layers(mitsuba_scene.Stage(scenes.wall(distance_m)), each)
         views = layers.left.projector_direct, layers.right.projector_direct
         found.append(metrics.shift_px(*views, near_px=expected, margin_px=int(expected) + 40))
     assert found[1] == pytest.approx(found[0], abs=0.01)
@@ -162,11 +165,11 @@ def test_a_turned_projector_moves_structured_light_depth():
 
     To 5 % in the middle of the image. It does not prove that a device's own projector turns.
     """
-    sensor = sensors.load("kinect-v1")
+    sensor = presets.load("kinect-v1")
     turn_deg, distance_m = 0.1, 1.0
     turned = with_light(sensor, rotation_deg=(0.0, turn_deg, 0.0))
-    assert np.array_equal(reference.image(sensor), reference.image(turned))
-    stored = reference.image(sensor).astype(np.float64) - sensor.left.black_level_dn
+    assert np.array_equal(structured_light.image(sensor), structured_light.image(turned))
+    stored = structured_light.image(sensor).astype(np.float64) - sensor.left.black_level_dn
     bias = sensor.fx_px * np.tan(np.deg2rad(turn_deg))
     nominal = sensor.focal_baseline_px_m / distance_m
     found = []
@@ -183,18 +186,20 @@ def test_a_turned_projector_moves_structured_light_depth():
     "change", [{"dropped_dots": 0.3}, {"shifted_dots_mrad": 2.0}, {"dot_blur_mrad": 1.0}]
 )
 def test_the_stored_reference_holds_the_ideal_pattern(change):
-    sensor = sensors.load("kinect-v1")
-    assert np.array_equal(reference.image(sensor), reference.image(with_light(sensor, **change)))
+    sensor = presets.load("kinect-v1")
+    assert np.array_equal(
+        structured_light.image(sensor), structured_light.image(with_light(sensor, **change))
+    )
 
 
 @pytest.fixture
 def seen():
     """A wall as a D435 receives it, and the scene."""
     sensor = dataclasses.replace(
-        sensors.load("d435"), width=160, height=90, fx_px=80.0, fy_px=80.0, cx_px=80.0, cy_px=45.0
+        presets.load("d435"), width=160, height=90, fx_px=80.0, fy_px=80.0, cx_px=80.0, cy_px=45.0
     )
-    scene = dataclasses.replace(builtin.wall(1.0), ambient=Ambient(irradiance_w_m2=0.05))
-    return render.layers(stage.Stage(scene), sensor), scene, sensor
+    scene = dataclasses.replace(scenes.wall(1.0), ambient=Ambient(irradiance_w_m2=0.05))
+    return direct.layers(mitsuba_scene.Stage(scene), sensor), scene, sensor
 
 
 @pytest.mark.parametrize("flicker", [0.02, 0.1, 0.4])

@@ -12,16 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim import render, sensors, stage
-from sim.layers import Layers
-from sim.parts.emitter import Emitter
-from sim.scenes import builtin
-from sim.sensor import Sensor
+from starling.sim.render import direct, mitsuba_scene
+from starling.sim.render.layers import Layers
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor import presets
+from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.sensor import Sensor
 
 TWIN = """
 import sys
 import numpy as np
-from sim import backend
+from starling.sim.render import backend
 from tests.system import test_render_twin as twin
 layers = twin.rendered(sys.argv[1])
 assert not backend.is_jit()
@@ -34,11 +35,11 @@ np.savez(sys.argv[2], direct=layers.left.projector_direct, right=layers.right.pr
 def camera(name: str) -> Sensor:
     """A small D435, or one with the D415's emitters further apart and turned."""
     sensor = dataclasses.replace(
-        sensors.load("d435"), width=160, height=90, fx_px=80.0, fy_px=80.0, cx_px=80.3, cy_px=44.1
+        presets.load("d435"), width=160, height=90, fx_px=80.0, fy_px=80.0, cx_px=80.3, cy_px=44.1
     )
     if name == "one emitter":
         return sensor
-    light = sensors.load("d415").projector
+    light = presets.load("d415").projector
     left, right = (one.pattern for one in light.emitters)
     emitters = (
         Emitter(offset_m=(-0.02, 0.01, -0.003), pattern=left, power_share=3.0),
@@ -49,12 +50,12 @@ def camera(name: str) -> Sensor:
 
 def rendered(name: str) -> Layers:
     """What a camera sees of things on a table; those before two emitters are lit unevenly."""
-    scene = builtin.clutter()
+    scene = scenes.clutter()
     if name == "two emitters":
         share = np.repeat(np.array([[0.5, 2.5]], np.float32), 2, axis=0)
         bodies = [dataclasses.replace(body, ambient_share=share) for body in scene.bodies[::2]]
         scene = dataclasses.replace(scene, bodies=(*bodies, *scene.bodies[1::2]))
-    return render.layers(stage.Stage(scene), camera(name), subpixels=2)
+    return direct.layers(mitsuba_scene.Stage(scene), camera(name), subpixels=2)
 
 
 @pytest.mark.parametrize("name", ["one emitter", "two emitters"])

@@ -13,19 +13,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from patterns import Pattern, faults
-from patterns.dots import SIGMA_PER_FWHM
-from patterns.field import Field
-from sim import frames, imager, metrics, projector, render, sensors, stage
-from sim.layers import Layers, View
-from sim.light.received import received
-from sim.matcher import D4XX, Refinement
-from sim.matching import census, checks, match
-from sim.scene import Ambient, Material, Scene
-from sim.scenes import builtin, solids
-from sim.sensor import Imager, Projector, Sensor
+from starling.patterns import Pattern, faults
+from starling.patterns.dots import SIGMA_PER_FWHM
+from starling.patterns.field import Field
+from starling.sim import metrics
+from starling.sim.geometry import frames
+from starling.sim.imaging import imager
+from starling.sim.imaging.lens_input import received
+from starling.sim.render import direct, emission, mitsuba_scene
+from starling.sim.render.layers import Layers, View
+from starling.sim.scene.builtin import scenes, solids
+from starling.sim.scene.scene import Ambient, Material, Scene
+from starling.sim.sensor import presets
+from starling.sim.sensor.matcher import D4XX, Refinement
+from starling.sim.sensor.sensor import Imager, Projector, Sensor
+from starling.sim.stereo import census, checks
+from starling.sim.stereo.matching import match
 
-D435 = sensors.load("d435")
+D435 = presets.load("d435")
 
 
 def with_light(**changes) -> Sensor:
@@ -33,7 +38,7 @@ def with_light(**changes) -> Sensor:
 
 
 def dots_on_a_wall(sensor: Sensor, distance_m: float) -> Layers:
-    return render.layers(stage.Stage(builtin.wall(distance_m)), sensor)
+    return direct.layers(mitsuba_scene.Stage(scenes.wall(distance_m)), sensor)
 
 
 # Codes and electrons.
@@ -72,7 +77,7 @@ def test_electrons_are_in_proportion(exposure_s, efficiency, wavelength_nm, f_nu
     """Electrons go as time, quantum efficiency, wavelength, pixel area and 1 / N^2.
 
     Does not prove the wavelength's whole work: the efficiency is that of the laser's line and has
-    to be given with it; silicon's own slope is in `sim.spectra.silicon`.
+    to be given with it; silicon's own slope is in `starling.sim.scene.spectra.silicon`.
     """
     base = Imager(quantum_efficiency=0.5, pixel_pitch_m=3e-6)
     lens = dataclasses.replace(base.lens, f_number=f_number)
@@ -105,7 +110,7 @@ def test_power_scales_laser_light_alone(power_w):
         depth_m=ones,
         body=ones.astype(np.uint32),
     )
-    scene = dataclasses.replace(builtin.wall(), ambient=Ambient(irradiance_w_m2=0.3))
+    scene = dataclasses.replace(scenes.wall(), ambient=Ambient(irradiance_w_m2=0.3))
     light = received(view, scene, with_light(power_w=power_w), seed=0, frame=0)
     np.testing.assert_allclose(light.laser, view.projector_direct * power_w, rtol=1e-6)
     assert np.array_equal(light.rest, np.float32(0.3) * ones)
@@ -125,7 +130,7 @@ def test_a_tilted_sky_lights_by_the_normal(gradient, tilt_deg, upwards):
         frames.pose((0, 0, 1.5), (tilt_deg, 0, 0)),
     )
     scene = Scene(name="wall", bodies=(sheet,), ambient=Ambient(gradient=gradient))
-    view = render.layers(stage.Stage(scene), D435, subpixels=1)
+    view = direct.layers(mitsuba_scene.Stage(scene), D435, subpixels=1)
     middle = (slice(220, 250), slice(410, 440))
     assert view.truth.normal[middle][..., 1].mean() == pytest.approx(-upwards, abs=1e-3)
     expected = 0.5 / np.pi * (1 + 2 / 3 * gradient * upwards)
@@ -195,7 +200,7 @@ def test_a_wider_field_spreads_the_same_power(x_deg, y_deg):
     """
     part = Projector(fov_x_deg=x_deg, fov_y_deg=y_deg)
     area = 4 * np.tan(np.deg2rad(x_deg / 2)) * np.tan(np.deg2rad(y_deg / 2))
-    mean = projector.irradiance_at_unit_distance(part).mean(dtype=np.float64)
+    mean = emission.irradiance_at_unit_distance(part).mean(dtype=np.float64)
     assert mean == pytest.approx(1 / area, rel=1e-3)
 
 

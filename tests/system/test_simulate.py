@@ -5,16 +5,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from patterns import InputError
-from sim import backend, plugin_scene, projector, render, sensors, simulate, stage
-from sim.reason import Reason
-from sim.scene import Ambient
-from sim.scenes import builtin
+from starling.patterns import InputError
+from starling.sim import simulate
+from starling.sim.reason import Reason
+from starling.sim.render import backend, direct, emission, mitsuba_scene, plugin_scene
+from starling.sim.scene.builtin import scenes
+from starling.sim.scene.scene import Ambient
+from starling.sim.sensor import presets
 
 
 @pytest.fixture(scope="module")
 def clutter():
-    return stage.Stage(builtin.clutter())
+    return mitsuba_scene.Stage(scenes.clutter())
 
 
 def bounced(scene):
@@ -22,7 +24,7 @@ def bounced(scene):
 
 
 def test_one_seed_one_result(clutter):
-    sensor = sensors.load("d435")
+    sensor = presets.load("d435")
     first, again, other = (simulate.simulate(clutter, sensor, seed=s) for s in (1, 1, 2))
     for name in ("ir_left", "ir_right"):
         assert np.array_equal(getattr(first, name), getattr(again, name))
@@ -37,14 +39,14 @@ def test_one_seed_one_result(clutter):
 
 
 def test_frames_differ_by_noise_only(clutter):
-    sensor = sensors.load("d435")
+    sensor = presets.load("d435")
     first, second = (simulate.simulate(clutter, sensor, frame=n) for n in (0, 1))
     assert np.array_equal(first.layers.left.projector_direct, second.layers.left.projector_direct)
     assert not np.array_equal(first.ir_left, second.ir_left)
 
 
 def test_missing_is_nan_plus_reason(clutter):
-    depth = simulate.simulate(clutter, sensors.load("d435")).depth
+    depth = simulate.simulate(clutter, presets.load("d435")).depth
     assert np.array_equal(depth.valid, np.isfinite(depth.depth_m))
     assert np.array_equal(depth.valid, np.isfinite(depth.disparity_px))
     assert np.array_equal(depth.valid, depth.reason == Reason.VALID)
@@ -52,23 +54,23 @@ def test_missing_is_nan_plus_reason(clutter):
 
 
 def test_most_depth_is_right(clutter):
-    shot = simulate.simulate(clutter, sensors.load("d435"))
+    shot = simulate.simulate(clutter, presets.load("d435"))
     error = np.abs(shot.depth.depth_m / shot.layers.truth.depth_m - 1)
     assert np.nanmedian(error) < 0.01
     assert shot.depth.valid.mean() > 0.85
 
 
 def test_geometry_gives_its_reasons(clutter):
-    depth = simulate.simulate(clutter, sensors.load("d435")).depth
+    depth = simulate.simulate(clutter, presets.load("d435")).depth
     seen = set(np.unique(depth.reason))
     assert {Reason.OUTSIDE_OVERLAP, Reason.OCCLUDED, Reason.SHADOWED} <= seen
 
 
 def test_projector_off_is_passive_stereo():
     """A plain wall without dots gives a matcher nothing; with dots nearly everything."""
-    sensor = sensors.load("d435")
+    sensor = presets.load("d435")
     dark = dataclasses.replace(sensor, projector=dataclasses.replace(sensor.projector, power_w=0.0))
-    wall = stage.Stage(builtin.wall(1.0))
+    wall = mitsuba_scene.Stage(scenes.wall(1.0))
     active, passive = (simulate.simulate(wall, s) for s in (sensor, dark))
     inside = (slice(40, -40), slice(100, -100))
     assert np.array_equal(active.layers.left.projector_direct, passive.layers.left.projector_direct)
@@ -78,9 +80,9 @@ def test_projector_off_is_passive_stereo():
 
 
 def test_no_light_at_all_is_too_little_signal():
-    sensor = sensors.load("d435")
+    sensor = presets.load("d435")
     dark = dataclasses.replace(sensor, projector=dataclasses.replace(sensor.projector, power_w=0.0))
-    scene = dataclasses.replace(builtin.wall(1.0), ambient=Ambient(irradiance_w_m2=0.0))
+    scene = dataclasses.replace(scenes.wall(1.0), ambient=Ambient(irradiance_w_m2=0.0))
     depth = simulate.simulate(scene, dark).depth
     inner = depth.reason[40:-40, 100:-100]
     missing = inner[inner != Reason.VALID]
@@ -88,19 +90,19 @@ def test_no_light_at_all_is_too_little_signal():
 
 
 def test_glaring_light_saturates():
-    sensor = sensors.load("d435")
+    sensor = presets.load("d435")
     left = dataclasses.replace(sensor.left, auto_exposure_level=0.0, exposure_s=1.0)
     glaring = dataclasses.replace(sensor, left=left)
-    depth = simulate.simulate(builtin.wall(1.0), glaring).depth
+    depth = simulate.simulate(scenes.wall(1.0), glaring).depth
     inner = depth.reason[40:-40, 100:-100]
     missing = inner[inner != Reason.VALID]
     assert missing.size and (missing == Reason.SATURATED).all()
 
 
 def test_range_limits_name_themselves():
-    sensor = sensors.load("d435")
+    sensor = presets.load("d435")
     post = dataclasses.replace(sensor.post, near_m=1.5)
-    depth = simulate.simulate(builtin.wall(1.0), dataclasses.replace(sensor, post=post)).depth
+    depth = simulate.simulate(scenes.wall(1.0), dataclasses.replace(sensor, post=post)).depth
     assert not depth.valid.any()
     assert (depth.reason[100:-100, 150:-150] == Reason.OUT_OF_RANGE).mean() > 0.9
 
@@ -108,27 +110,27 @@ def test_range_limits_name_themselves():
 @pytest.mark.parametrize("name", ["kinect-v1", "xtion"])
 def test_structured_light_measures_a_wall(name):
     """One imager against the stored pattern: d = f b / z holds as in a pair."""
-    sensor = sensors.load(name)
-    shot = simulate.simulate(builtin.wall(1.2), sensor)
+    sensor = presets.load(name)
+    shot = simulate.simulate(scenes.wall(1.2), sensor)
     inner = (slice(60, -60), slice(80, -80))
     assert shot.depth.valid[inner].mean() > 0.9
     assert np.nanmedian(shot.depth.depth_m[inner]) == pytest.approx(1.2, abs=0.01)
 
 
 def test_structured_light_has_no_right_imager_to_be_hidden_from():
-    reasons = simulate.simulate(builtin.tabletop(), sensors.load("kinect-v1")).depth.reason
+    reasons = simulate.simulate(scenes.tabletop(), presets.load("kinect-v1")).depth.reason
     assert (reasons == Reason.SHADOWED).any()
     assert not (reasons == Reason.OCCLUDED).any()
 
 
 def test_structured_light_has_one_baseline():
-    sensor = sensors.load("kinect-v1")
+    sensor = presets.load("kinect-v1")
     with pytest.raises(InputError, match="position_m must be"):
         dataclasses.replace(sensor, baseline_m=0.1)
 
 
 def test_structured_light_has_no_right_image():
-    shot = simulate.simulate(builtin.wall(1.0), sensors.load("kinect-v1"))
+    shot = simulate.simulate(scenes.wall(1.0), presets.load("kinect-v1"))
     assert shot.ir_right is None and shot.layers.right is None
 
 
@@ -138,8 +140,8 @@ def test_holes_do_not_move_with_samples(clutter):
 
     In the mean over three seeds: by chance one seed's rate is off by 0.05 points.
     """
-    sensor = sensors.load("d435")
-    lit = stage.Stage(bounced(clutter.scene))
+    sensor = presets.load("d435")
+    lit = mitsuba_scene.Stage(bounced(clutter.scene))
 
     def holes(samples: int) -> float:
         shots = [simulate.simulate(lit, sensor, seed=k, samples=samples) for k in range(3)]
@@ -150,8 +152,8 @@ def test_holes_do_not_move_with_samples(clutter):
 
 def test_indirect_light_agrees_with_a_plain_path_tracer(clutter):
     """Neither the averaged pattern nor the low-pass changes how much light there is."""
-    mi, sensor = backend.mitsuba(), sensors.load("d435")
-    dots = projector.irradiance_at_unit_distance(sensor.projector)
+    mi, sensor = backend.mitsuba(), presets.load("d435")
+    dots = emission.irradiance_at_unit_distance(sensor.projector)
     lit = plugin_scene.lit(clutter, sensor, dots)
     camera = plugin_scene.camera(
         sensor, clutter.scene.world_from_left, sampler={"type": "independent"}, shrink=2
@@ -169,12 +171,14 @@ def test_indirect_light_agrees_with_a_plain_path_tracer(clutter):
 
 
 def test_indirect_light_of_a_flat_wall_is_nothing():
-    shot = simulate.simulate(bounced(builtin.wall(1.0)), sensors.load("d435"), samples=4)
+    shot = simulate.simulate(bounced(scenes.wall(1.0)), presets.load("d435"), samples=4)
     assert shot.layers.left.projector_indirect.max() <= 1e-6
-    assert render.layers(stage.Stage(builtin.wall(1.0)), sensors.load("d435")).left.ambient.any()
+    assert direct.layers(
+        mitsuba_scene.Stage(scenes.wall(1.0)), presets.load("d435")
+    ).left.ambient.any()
 
 
 @pytest.mark.parametrize(("field", "value"), [("samples", 0), ("seed", -1)])
 def test_refusals(field, value):
     with pytest.raises(InputError, match=f"{field} must be in"):
-        simulate.simulate(builtin.wall(1.0), sensors.load("d435"), **{field: value})
+        simulate.simulate(scenes.wall(1.0), presets.load("d435"), **{field: value})

@@ -1,4 +1,4 @@
-"""What surfaces return of an open sky, by `sim.skylight`'s sums and by Mitsuba's own surfaces.
+"""What surfaces return of an open sky, by `starling.sim.render.skylight`'s sums and by Mitsuba's own surfaces.
 
 **Rationale.** A coat and a metal mirror the sky that is there; a matt surface returns its mean. The
 sums over microfacets and the surfaces that the projector's light falls on must be one thing.
@@ -14,10 +14,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim import backend, bsdf, frames, render, sensors, skylight, stage
-from sim.scene import Ambient, Body, Finish, Material, Scene
-from sim.scenes import solids
-from sim.sensor_edits import with_values
+from starling.sim.geometry import frames
+from starling.sim.render import backend, bsdf, direct, mitsuba_scene, skylight
+from starling.sim.scene.builtin import solids
+from starling.sim.scene.scene import Ambient, Body, Finish, Material, Scene
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
 
 SAMPLES = 1 << 18
 COSINES = (1.0, 0.75, 0.5, 0.25)
@@ -82,9 +84,9 @@ def test_sums_over_facets_are_what_mitsuba_samples(kind, reflectance, roughness,
 
 def seen(material: Material, turn_deg: float, ambient: Ambient) -> float:
     small = [("width", 80), ("height", 60), ("fx_px", 80.0), ("fy_px", 80.0)]
-    sensor = with_values(sensors.load("d435"), [*small, ("cx_px", 40.0), ("cy_px", 30.0)])
+    sensor = with_values(presets.load("d435"), [*small, ("cx_px", 40.0), ("cy_px", 30.0)])
     scene = Scene(name="plate", bodies=(plate(material, turn_deg),), ambient=ambient)
-    return float(render.layers(stage.Stage(scene), sensor).left.ambient[30, 40])
+    return float(direct.layers(mitsuba_scene.Stage(scene), sensor).left.ambient[30, 40])
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 30.0, 60.0])

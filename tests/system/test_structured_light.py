@@ -7,12 +7,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from patterns.errors import InputError
-from sim import frames, materials, reference, sensors, simulate
-from sim.light import speckle
-from sim.matcher import CensusSemiGlobal, named
-from sim.scene import Scene
-from sim.scenes import builtin, solids
+from starling.patterns.errors import InputError
+from starling.sim import simulate
+from starling.sim.geometry import frames
+from starling.sim.imaging import speckle_field
+from starling.sim.scene import materials
+from starling.sim.scene.builtin import scenes, solids
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor import presets
+from starling.sim.sensor.matcher import CensusSemiGlobal, named
+from starling.sim.stereo import structured_light
 
 EIGHTHS = 8
 
@@ -21,13 +25,13 @@ def seen(sensor, scene):
     """What the imager sees, its disparities, and the true ones [px]."""
     shot = simulate.simulate(scene, sensor)
     true_px = sensor.focal_baseline_px_m / shot.layers.truth.depth_m
-    return shot, reference.matched(shot.ir_left, sensor), true_px
+    return shot, structured_light.matched(shot.ir_left, sensor), true_px
 
 
 @pytest.fixture(scope="module")
 def slanted():
     """A wall turned by 40 deg about the vertical at 1 m: every fraction of a disparity."""
-    sensor = sensors.load("kinect-v1")
+    sensor = presets.load("kinect-v1")
     sheet = solids.plane(4.0, 4.0)
     body = solids.body("wall", sheet, materials.PAPER, frames.pose((0, 0, 1.0), (0, 40, 0)))
     return sensor, *seen(sensor, Scene(name="slanted", bodies=(body,)))
@@ -41,8 +45,8 @@ def test_disparity_is_unbiased_up_to_the_left_border(name, distance_m):
     A wall has one fraction of disparity, whose rounding alone may be 1/16 px off. It does not prove
     that a device's own interpolation is as good.
     """
-    sensor = sensors.load(name)
-    _, found, true_px = seen(sensor, builtin.wall(distance_m))
+    sensor = presets.load(name)
+    _, found, true_px = seen(sensor, scenes.wall(distance_m))
     assert found.valid[20:-20, :60].mean() > 0.8
     assert found.valid[20:-20].mean() > 0.95
     assert np.nanmedian(found.disparity_px - true_px) == pytest.approx(0, abs=0.1)
@@ -68,7 +72,7 @@ def test_interpolation_does_not_pull_to_whole_pixels(slanted):
         sensor.matcher,
         refinement=dataclasses.replace(sensor.matcher.refinement, locking_px=0.0),
     )
-    pulled = reference.matched(shot.ir_left, dataclasses.replace(sensor, matcher=plain))
+    pulled = structured_light.matched(shot.ir_left, dataclasses.replace(sensor, matcher=plain))
     eighth = np.floor(true_px % 1 * EIGHTHS)
 
     def largest(disparity_px):
@@ -85,12 +89,12 @@ def test_noise_grows_with_the_square_of_distance():
 
     Far below what distance would do. It does not prove the size of the noise.
     """
-    sensor = sensors.load("kinect-v1")
+    sensor = presets.load("kinect-v1")
     spread = []
     for distance_m in (0.7, 1.4):
         deviations = []
         for near in (0.97, 0.985, 1.0, 1.015, 1.03):
-            _, found, true_px = seen(sensor, builtin.wall(near * distance_m))
+            _, found, true_px = seen(sensor, scenes.wall(near * distance_m))
             off = (found.disparity_px - true_px)[40:-40, 40:-40]
             deviations.append(np.nanvar(off[np.abs(off) < 0.5]))
         spread.append(np.sqrt(np.mean(deviations)))
@@ -99,8 +103,8 @@ def test_noise_grows_with_the_square_of_distance():
 
 
 def test_a_wider_reference_is_the_same_image_with_more_on_the_left():
-    sensor = sensors.load("kinect-v1")
-    narrow, wide = (reference.image(sensor, beyond_px=n).astype(int) for n in (0, 100))
+    sensor = presets.load("kinect-v1")
+    narrow, wide = (structured_light.image(sensor, beyond_px=n).astype(int) for n in (0, 100))
     assert wide.shape == (480, 740)
     assert (
         np.abs(wide[:, 108:] - narrow[:, 8:]).max() <= 1
@@ -110,10 +114,10 @@ def test_a_wider_reference_is_the_same_image_with_more_on_the_left():
 
 def test_a_converter_of_more_bits_matches_alike():
     """12 bits are matched as 10: the same image to a level, so depth to the noise of one."""
-    sensor = sensors.load("kinect-v1")
-    shot, ten, _ = seen(sensor, builtin.wall(1.0))
+    sensor = presets.load("kinect-v1")
+    shot, ten, _ = seen(sensor, scenes.wall(1.0))
     finer = dataclasses.replace(sensor.left, bit_depth=12)
-    twelve = reference.matched(shot.ir_left, dataclasses.replace(sensor, left=finer))
+    twelve = structured_light.matched(shot.ir_left, dataclasses.replace(sensor, left=finer))
     both = ten.valid & twelve.valid
     assert both.mean() > 0.95
     assert np.abs(ten.disparity_px - twelve.disparity_px)[both].mean() < 1 / 16
@@ -122,19 +126,19 @@ def test_a_converter_of_more_bits_matches_alike():
 @pytest.mark.parametrize("beyond_px", [-1, 10_000])
 def test_a_reference_of_absurd_width_is_refused(beyond_px):
     with pytest.raises(InputError, match="beyond_px must be in"):
-        reference.image(sensors.load("kinect-v1"), beyond_px=beyond_px)
+        structured_light.image(presets.load("kinect-v1"), beyond_px=beyond_px)
 
 
 @pytest.mark.parametrize("name", ["kinect-v1", "xtion"])
 def test_speckle_is_what_the_aperture_leaves(name):
     """C = 1 / sqrt(2 M): a pixel averages M looks of each of two polarisations (Goodman 2007)."""
-    sensor = sensors.load(name)
-    grain_px = speckle.grain_px(
+    sensor = presets.load(name)
+    grain_px = speckle_field.grain_px(
         wavelength_nm=sensor.projector.wavelength_nm,
         f_number=sensor.left.lens.f_number,
         pixel_pitch_m=sensor.left.pixel_pitch_m,
     )
-    looks = 2 * speckle.looks_in_pixel(grain_px)
+    looks = 2 * speckle_field.looks_in_pixel(grain_px)
     assert sensor.projector.speckle_contrast == pytest.approx(looks**-0.5, rel=0.01)
 
 

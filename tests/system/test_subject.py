@@ -9,19 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis import reading
-from diagnosis.howfar import judged
-from diagnosis.reading import Reading
-from diagnosis.subject import Subject, of_scene
-from diagnosis.which import bench, null, rows
-from diagnosis.which.candidates import Arm, candidates
-from diagnosis.which.made import Made
-from sim import sensors
-from sim.effects.effect import Value
-from sim.scene import Scene
-from sim.scenes import builtin
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
+from starling.diagnosis.howfar import evaluation
+from starling.diagnosis.scenes import observation
+from starling.diagnosis.scenes.observation import Reading
+from starling.diagnosis.scenes.scene_model import Subject, of_scene
+from starling.diagnosis.which import null, rows
+from starling.diagnosis.which import table as bench
+from starling.diagnosis.which.candidates import Arm, candidates
+from starling.diagnosis.which.predicted import Made
+from starling.sim.effects.effect import Value
+from starling.sim.scene.builtin import scenes as builtin
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
 
 NOTHING = Reading(left=None, right=None, ours_px=None, device_px=None)
 SHOWN = 0.02  # Change of a feature that is above what the simulator is taken to be wrong by.
@@ -29,7 +30,7 @@ SHOWN = 0.02  # Change of a feature that is above what the simulator is taken to
 
 def sensor(*edits: tuple[str, Any]) -> Sensor:
     d435 = dataclasses.replace(
-        sensors.load("d435"), width=160, height=96, cx_px=80.0, cy_px=48.0, fx_px=100.0, fy_px=100.0
+        presets.load("d435"), width=160, height=96, cx_px=80.0, cy_px=48.0, fx_px=100.0, fy_px=100.0
     )
     return with_values(d435, list(edits))
 
@@ -143,7 +144,7 @@ def test_floor_is_another_device_s():
     settings: dict[str, Any] = {"dropped_dots": 0.3}
     real = of.another(7).capture(settings, seed=7)
     taken = dataclasses.replace(of, real=real)
-    _, after, floor = judged._figures(taken, settings)
+    _, after, floor = evaluation._figures(taken, settings)
     assert after["ndp_1_iou"] == pytest.approx(floor["ndp_1_iou"], rel=0.15)
 
 
@@ -158,7 +159,7 @@ def test_what_makes_depth_another_but_not_the_devices_explains_nothing():
         own = one.capture({}, seed=5)
         assert own.device_px is not None
         scatter = 0.1 * rng.standard_normal(own.device_px.shape).astype(np.float32)
-        device_px = reading.written((own.device_px + scatter).astype(np.float32), one.sensor)
+        device_px = observation.written((own.device_px + scatter).astype(np.float32), one.sensor)
         one.real = dataclasses.replace(own, device_px=device_px)
     scattered = bench.bench(subjects, Arm.DEPTH)
     assert _gained(scattered, {"depth_unit": 0.00101}) < 0

@@ -8,11 +8,13 @@ import pytest
 import scipy.ndimage
 import scipy.optimize
 
-from sim import backend, bsdf, coat, frames, render, render_scalar, sensors, stage
-from sim.backend import BackendError
-from sim.scene import Ambient, Body, Finish, Material, Mesh, Scene, Sun
-from sim.scenes import solids
-from sim.sensor import Projector
+from starling.sim.geometry import frames
+from starling.sim.render import backend, bsdf, coat, direct, mitsuba_scene, scalar
+from starling.sim.render.backend import BackendError
+from starling.sim.scene.builtin import solids
+from starling.sim.scene.scene import Ambient, Body, Finish, Material, Mesh, Scene, Sun
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Projector
 
 EVEN = Ambient(gradient=0.0)
 WHITE = Material(name="white", reflectance=0.6)
@@ -33,7 +35,7 @@ def even(tmp_path):
 
 def small(**changes):
     base = dataclasses.replace(
-        sensors.load("d435"),
+        presets.load("d435"),
         width=160,
         height=120,
         fx_px=200.0,
@@ -57,7 +59,7 @@ def pane(thickness_m=0.005, *, turn_deg=0.0, distance_m=0.5):
 
 def rendered(*bodies, sensor=None, subpixels=2, **changes):
     scene = Scene(name="test", bodies=bodies, **{"ambient": EVEN, **changes})
-    return render.layers(stage.Stage(scene), sensor or small(), subpixels=subpixels)
+    return direct.layers(mitsuba_scene.Stage(scene), sensor or small(), subpixels=subpixels)
 
 
 def middle(image):
@@ -317,7 +319,7 @@ def test_shapes_with_their_own_bsdf_are_followed():
     for bsdf_dict, expected in ((conductor, 0.7), ({"type": "dielectric", "int_ior": INDEX}, FACE)):
         shape = mi.load_dict({"type": "rectangle", "to_world": place, "bsdf": bsdf_dict})
         scene = Scene(name="shapes", shapes=(shape,), ambient=EVEN)
-        seen = render.layers(stage.Stage(scene), small()).left.ambient
+        seen = direct.layers(mitsuba_scene.Stage(scene), small()).left.ambient
         assert middle(seen) * np.pi == pytest.approx(expected, rel=0.01)
 
 
@@ -360,9 +362,11 @@ def test_nothing_returns_more_than_it_gets(material, finish):
     ],
 )
 def test_the_twin_refuses_what_it_cannot_do(material, changes, named):
-    made = stage.Stage(Scene(name="test", bodies=(plate("wall", 1.0, material),), **changes))
+    made = mitsuba_scene.Stage(
+        Scene(name="test", bodies=(plate("wall", 1.0, material),), **changes)
+    )
     with pytest.raises(BackendError, match=rf"^{named} must be absent in scalar_rgb; .*LLVM"):
-        render_scalar.layers(made, small(), subpixels=1)
+        scalar.layers(made, small(), subpixels=1)
 
 
 def test_a_finish_of_no_effect_changes_no_bsdf():

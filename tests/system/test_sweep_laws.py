@@ -7,13 +7,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim import render, sensors, sweep, sweep_axes, sweep_figures
-from sim.reason import Reason
-from sim.scenes import builtin
-from sim.simulate import simulate
-from sim.stage import Stage
+from starling.sim.commands.sweep import axes as sweep_axes
+from starling.sim.commands.sweep import figures
+from starling.sim.commands.sweep import sweep as sweep
+from starling.sim.reason import Reason
+from starling.sim.render import direct
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor import presets
+from starling.sim.simulate import simulate
 
-BASE = sensors.load("d435")
+BASE = presets.load("d435")
 BASELINES_M = (0.02, 0.05, 0.1, 0.15)
 
 
@@ -24,7 +28,7 @@ def _camera(baseline_m=BASE.baseline_m, projector_x_m=0.029):
 
 @pytest.fixture(scope="module")
 def posts():
-    return {distance_m: Stage(sweep_figures.posts(distance_m)) for distance_m in (0.5, 1.0, 3.0)}
+    return {distance_m: Stage(figures.posts(distance_m)) for distance_m in (0.5, 1.0, 3.0)}
 
 
 def _hidden(sensor, distance_m, from_x_m):
@@ -34,13 +38,13 @@ def _hidden(sensor, distance_m, from_x_m):
     crosses the plane of the posts.
     """
     slope = (np.arange(sensor.width) - sensor.cx_px) / sensor.fx_px
-    pitch, half = sweep_figures.PITCH * distance_m, sweep_figures.WIDTH * distance_m / 2
+    pitch, half = figures.PITCH * distance_m, figures.WIDTH * distance_m / 2
 
     def on_post(x_m):
         return np.abs(x_m - pitch * np.round(x_m / pitch)) < half
 
-    on_wall_m = sweep_figures.BEHIND * distance_m * slope
-    crossing_m = from_x_m + (on_wall_m - from_x_m) / sweep_figures.BEHIND
+    on_wall_m = figures.BEHIND * distance_m * slope
+    crossing_m = from_x_m + (on_wall_m - from_x_m) / figures.BEHIND
     return ~on_post(distance_m * slope) & on_post(crossing_m)
 
 
@@ -52,7 +56,7 @@ def test_columns_hidden_from_the_right_imager(posts, distance_m, baseline_m):
     Says nothing of what the matcher makes of these columns.
     """
     sensor = _camera(baseline_m)
-    truth = render.layers(posts[distance_m], sensor).truth
+    truth = direct.layers(posts[distance_m], sensor).truth
     disparity_px = sensor.focal_baseline_px_m / truth.depth_m
     outside = np.arange(sensor.width) - disparity_px < -0.5
     expected = outside | _hidden(sensor, distance_m, baseline_m)
@@ -67,7 +71,7 @@ def test_columns_hidden_from_the_right_imager(posts, distance_m, baseline_m):
 def test_columns_shadowed_from_the_projector(posts, projector_x_m):
     """The side and the width f |x| / (3 z) of the shadow follow from where the projector is."""
     sensor = _camera(projector_x_m=projector_x_m)
-    lit = render.layers(posts[1.0], sensor).truth.lit[sensor.height // 2]
+    lit = direct.layers(posts[1.0], sensor).truth.lit[sensor.height // 2]
     inside = slice(60, -60)  # The projector's field ends near the image's.
     expected = _hidden(sensor, 1.0, projector_x_m)
     assert np.count_nonzero((lit == expected)[inside]) <= 2
@@ -82,7 +86,7 @@ def test_share_outside_the_overlap_is_f_b_over_z(distance_m):
     Exactly so of the render. Of the holes to 2 columns: the matcher finds depth by chance in some
     pixels of the border.
     """
-    stage = Stage(builtin.wall(distance_m))
+    stage = Stage(scenes.wall(distance_m))
     for baseline_m in BASELINES_M:
         sensor = _camera(baseline_m)
         wide_px = sensor.focal_baseline_px_m / distance_m
@@ -132,7 +136,7 @@ def test_law_breaks_where_its_premise_does():
     axes = {"baseline_m": [0.15], "focal_px": [860.0]}
     found = sweep.sweep(BASE, axes, distances_m=(0.4, 1.0))
     base, wide, long = found.cameras
-    assert sweep_figures.nearest_m(wide.sensor) > 0.4 > sweep_figures.nearest_m(base.sensor)
+    assert figures.nearest_m(wide.sensor) > 0.4 > figures.nearest_m(base.sensor)
     assert found.of(wide)[0].wall_holes > 0.8 > 0.1 > found.of(base)[0].wall_holes
     assert found.of(long)[1].noise_m > 1.5 * found.law_m(long)[1]
 
@@ -151,15 +155,15 @@ def test_folder_holds_the_picture_and_the_tables(tmp_path):
     assert (tmp_path / "a" / "sweep.png").read_bytes().startswith(b"\x89PNG")
     for one, other in zip(first[:4], again[:4], strict=True):
         assert one.read_bytes() == other.read_bytes()
-    assert sensors.load(str(tmp_path / "a" / "sensor.toml")) == small
+    assert presets.load(str(tmp_path / "a" / "sensor.toml")) == small
 
 
 def test_without_a_projector_nothing_is_in_its_shadow():
     """Passive stereo: what geometry hides is hidden from the right imager alone."""
     dark = dataclasses.replace(BASE.projector, power_w=0.0, position_m=(0.1, 0.0, 0.0))
     sensor = dataclasses.replace(BASE, projector=dark)
-    stages = sweep_figures.Stages.at(1.0)
-    seen = sweep_figures.measure(sensor, stages)
-    truth = render.layers(stages.posts, sensor).truth
+    stages = figures.Stages.at(1.0)
+    seen = figures.measure(sensor, stages)
+    truth = direct.layers(stages.posts, sensor).truth
     assert seen.unseen == np.mean(~truth.right_sees)
     assert seen.holes["shadowed"] == 0

@@ -9,27 +9,30 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis import light_sets, reading, subject
-from diagnosis.which import bench, null
-from diagnosis.which.candidates import Arm, candidates
-from diagnosis.which.fit import fit, folds
-from diagnosis.which.signature import signature
-from diagnosis.withheld import case, shoot
-from patterns.errors import InputError
-from sim import capture, sensors
-from sim.capture import CaptureSet
-from sim.effects import setting
-from sim.scene import Scene
-from sim.scenes import builtin
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
+from starling.diagnosis.scenes import observation, scene_model
+from starling.diagnosis.validation.adapters import light_sets
+from starling.diagnosis.validation.protocol import case, shoot
+from starling.diagnosis.which import null
+from starling.diagnosis.which import table as bench
+from starling.diagnosis.which.candidates import Arm, candidates
+from starling.diagnosis.which.fit import fit, folds
+from starling.diagnosis.which.response import signature
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture
+from starling.sim.captures.capture import CaptureSet
+from starling.sim.effects import setting as setting
+from starling.sim.scene.builtin import scenes
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
 
 SCENES = ("clutter:1", "clutter:2")
 
 
 def nominal() -> Sensor:
     """An ideal camera but for noise and a lens's spot, 160 x 90."""
-    camera, _ = setting.ideal(sensors.load("d435"), builtin.clutter(1))
+    camera, _ = setting.ideal(presets.load("d435"), scenes.clutter(1))
     size = [("width", 160), ("height", 90), ("fx_px", 81.0), ("fy_px", 81.0)]
     centre = [("cx_px", 79.5), ("cy_px", 44.5)]
     imager = [
@@ -68,7 +71,7 @@ def test_without_an_effect_both_cameras_see_the_same(light, tmp_path):
     """Levels within 2 % by thirds of the image; the spots differ in shape, not in width."""
     captures = shot(light, tmp_path / "null")
     for scene in captures.scenes:
-        one = subject.subject(scene, nominal())
+        one = scene_model.subject(scene, nominal())
         ours = one.simulate({}, seed=0)
         assert one.real.left is not None and ours.left is not None
         for side in ("left", "right"):
@@ -82,7 +85,7 @@ def test_without_an_effect_both_cameras_see_the_same(light, tmp_path):
 def test_an_effect_of_theirs_is_measured_by_ours(light, tmp_path):
     """A vertical offset of 0.5 px, each resampled in its own way."""
     captures = shot(light, tmp_path / "offset", vertical_offset=0.5)
-    subjects = [subject.subject(scene, nominal()) for scene in captures.scenes]
+    subjects = [scene_model.subject(scene, nominal()) for scene in captures.scenes]
     table = bench.bench(subjects, Arm.IMAGE, cache=tmp_path / "cache")
     base = null.base(table, seeds=2)
     known = candidates(nominal(), subjects[0].scene, Arm.IMAGE)
@@ -96,13 +99,13 @@ def test_an_effect_of_theirs_is_measured_by_ours(light, tmp_path):
 
 def test_nothing_is_simulated_twice(light, tmp_path, monkeypatch):
     captures = shot(light, tmp_path / "null")
-    one = subject.subject(captures.scenes[0], nominal())
+    one = scene_model.subject(captures.scenes[0], nominal())
     first = bench.bench([one], Arm.IMAGE, cache=tmp_path / "cache")
     made = first.change({"veil": 0.05})
     assert made is not None
     assert first.change({"veil": 0.05, "distortion": 0.1, "exposure": -1.0}) is None
     again = bench.bench([one], Arm.IMAGE, cache=tmp_path / "cache")
-    monkeypatch.setattr(subject.Subject, "simulate", None)
+    monkeypatch.setattr(scene_model.Subject, "simulate", None)
     kept = again.change({"veil": 0.05})
     assert kept is not None
     np.testing.assert_array_equal(kept, made)
@@ -111,21 +114,21 @@ def test_nothing_is_simulated_twice(light, tmp_path, monkeypatch):
 
 def test_real_images_are_matched_again_with_other_settings(light, tmp_path):
     captures = shot(light, tmp_path / "null")
-    one = subject.subject(captures.scenes[0], nominal())
+    one = scene_model.subject(captures.scenes[0], nominal())
     other = one.rematch({"median": 0})
     assert other.device_px is not None and one.real.ours_px is not None
     assert not np.array_equal(other.device_px, one.real.ours_px, equal_nan=True)
     same = one.rematch({})
     assert one.real.ours_px is not None
-    whole_units = reading.written(one.real.ours_px, nominal())
+    whole_units = observation.written(one.real.ours_px, nominal())
     np.testing.assert_array_equal(same.device_px, whole_units)
-    assert reading.read(captures.scenes[0], nominal()).left is not None
+    assert observation.read(captures.scenes[0], nominal()).left is not None
 
 
 def test_scenes_in_different_light_are_refused(tmp_path, monkeypatch):
     def lit(name: str, sensor: Sensor) -> Scene:
         level = 0.1 if name == "clutter:1" else 0.2
-        return with_ambient(builtin.clutter(1), level)
+        return with_ambient(scenes.clutter(1), level)
 
     monkeypatch.setattr(light_sets.scenes, "load", lit)
     with pytest.raises(InputError, match="scenes must share one ambient light; got"):

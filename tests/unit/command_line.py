@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-import starling
+from starling import command_line
 
 Capsys = pytest.CaptureFixture[str]
 
 
 def run(*arguments: object, capsys: Capsys) -> tuple[int, str, str]:
     """Run a command; return its exit code and what it said on both outputs."""
-    code = starling.main([str(argument) for argument in arguments])
+    code = command_line.main([str(argument) for argument in arguments])
     said = capsys.readouterr()
     return code, said.out, said.err
 

@@ -17,11 +17,16 @@ import cv2
 import numpy as np
 import pytest
 
-import starling
-from sim import backend, measurement, progress, sensors, simulate, simulate_captures
-from sim.depth import DepthMap
-from sim.layers import Layers, Truth, View
-from sim.scenes import builtin
+from starling import command_line
+from starling.sim import simulate
+from starling.sim.commands import simulate_captures
+from starling.sim.console import progress
+from starling.sim.render import backend
+from starling.sim.render.layers import Layers, Truth, View
+from starling.sim.scene.builtin import scenes as builtin
+from starling.sim.sensor import presets as sensors
+from starling.sim.stereo import measurement
+from starling.sim.stereo.depth import DepthMap
 from tests.unit.command_line import Capsys
 from tests.unit.command_line import refused as _refused
 from tests.unit.command_line import run as _run
@@ -61,7 +66,9 @@ def no_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
 
     What still takes long on a busy machine does not say how far it is.
     """
-    from sim import colour, randomness, scenes, simulate
+    from starling.sim import randomness, simulate
+    from starling.sim.imaging import colour_picture as colour
+    from starling.sim.scene import sources as scenes
 
     def simulated(scene: Any, sensor: Any, *, seed: int, frame: int = 0, **_: Any) -> Any:
         shot = _shot((sensor.height, sensor.width))
@@ -99,7 +106,7 @@ def test_every_verb_has_help_with_an_example(verb: str, capsys: Capsys) -> None:
 def test_help_is_quick_and_lists_the_verbs() -> None:
     started = time.perf_counter()
     run = subprocess.run(
-        [sys.executable, ROOT / "starling.py", "--help"], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "starling", "--help"], capture_output=True, text=True, check=True
     )
     assert time.perf_counter() - started < 3  # Under 1 s on a machine that does nothing else.
     assert all(verb in run.stdout for verb in VERBS)
@@ -128,11 +135,11 @@ def test_sensors(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_doctor_and_bench_print_what_they_are_told(
     capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stand_in = types.ModuleType("sim.bench")
+    stand_in = types.ModuleType("starling.sim.commands.bench")
     stand_in.bench = lambda *, tell: {"ratio": 1.5, "n": len([*tell([1, 2], "bench")])}  # type: ignore[attr-defined]
     monkeypatch.setattr(progress, "_QUIET_S", -1.0)
-    monkeypatch.setitem(sys.modules, "sim.bench", stand_in)
-    monkeypatch.setattr("sim.bench", stand_in, raising=False)
+    monkeypatch.setitem(sys.modules, "starling.sim.commands.bench", stand_in)
+    monkeypatch.setattr("starling.sim.commands.bench", stand_in, raising=False)
     monkeypatch.setattr(backend, "report", lambda: {"variant": "x"})
     assert json.loads(_run("doctor", "--json", capsys=capsys)[1]) == {"variant": "x"}
     code, out, err = _run("bench", "--json", capsys=capsys)
@@ -350,7 +357,7 @@ def test_other_errors_are_one_line_too(capsys: Capsys, monkeypatch: pytest.Monke
     message = _refused("doctor", capsys=capsys)
     assert "an error of starling itself, KeyError" in message and "--debug" in message
     with pytest.raises(KeyError):
-        starling.main(["doctor", "--debug"])
+        command_line.main(["doctor", "--debug"])
     monkeypatch.setattr(backend, "report", raising(KeyboardInterrupt()))
     assert _run("doctor", capsys=capsys)[0] == 130
     monkeypatch.setattr(backend, "report", raising(SystemExit("stop")))

@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-import starling
-from sim import atlas, effects, simulate_captures
-from sim.sensor import Sensor
+from starling import command_line
+from starling.sim import effects
+from starling.sim.commands import atlas, simulate_captures
+from starling.sim.sensor.sensor import Sensor
 
 Capsys = pytest.CaptureFixture[str]
 
 
 def _printed(*arguments: object, capsys: Capsys) -> str:
     """Run what must succeed; return what it prints, nothing of which is on standard error."""
-    code = starling.main([str(argument) for argument in arguments])
+    code = command_line.main([str(argument) for argument in arguments])
     out, err = capsys.readouterr()
     assert (code, err) == (0, "")
     return out
@@ -26,7 +27,7 @@ def _printed(*arguments: object, capsys: Capsys) -> str:
 
 def _refused(*arguments: object, capsys: Capsys) -> str:
     """Run what must be refused; return its one line."""
-    code = starling.main([str(argument) for argument in arguments])
+    code = command_line.main([str(argument) for argument in arguments])
     out, err = capsys.readouterr()
     assert (code, out) == (1, "")
     assert err.startswith("starling: ") and err.count("\n") == 1, err
@@ -67,7 +68,7 @@ def test_effects_refuses(capsys: Capsys) -> None:
 def test_simulate_takes_effects_preset_and_emitter(
     capsys: Capsys, asked: dict[str, Any], tmp_path: Path
 ) -> None:
-    code = starling.main(
+    code = command_line.main(
         ["simulate", "wall", "--sensor", "d435", "--out", str(tmp_path / "out"), "--json",
          "--effect", "lens_blur=0.8", "--effect", "hole_filling=left",
          "--device-preset", "high_accuracy", "--emitter", "off"]
@@ -84,7 +85,7 @@ def test_simulate_takes_effects_preset_and_emitter(
 
 def test_bad_emitter_is_a_bad_flag(capsys: Capsys, tmp_path: Path) -> None:
     arguments = ["simulate", "wall", "--sensor", "d435", "--out", str(tmp_path / "out")]
-    assert starling.main([*arguments, "--emitter", "dim"]) == 2
+    assert command_line.main([*arguments, "--emitter", "dim"]) == 2
     assert capsys.readouterr().out == ""
 
 

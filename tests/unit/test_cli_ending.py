@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-import starling
-from sim import backend
+from starling import command_line
+from starling.sim.render import backend
 
 ROOT = Path(__file__).parents[2]
 Capsys = pytest.CaptureFixture[str]
@@ -28,17 +28,17 @@ def test_warnings_are_one_line(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(backend, "report", report)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
-        code = starling.main(["doctor", "--json"])
+        code = command_line.main(["doctor", "--json"])
     out, err = capsys.readouterr()
     assert (code, json.loads(out), err) == (0, {"a": 1}, "starling: warning: slow\n")
 
 
 def test_reader_that_goes_away_is_no_error() -> None:
     run = subprocess.run(
-        [sys.executable, "-c", f"import sys, starling; sys.stdout = open({os.devnull!r}, 'w');"
-         "from sim import shell;"
+        [sys.executable, "-c", f"import sys; from starling.command_line import main; sys.stdout = open({os.devnull!r}, 'w');"
+         "from starling.sim.console import shell;"
          "shell.say = lambda *_, **__: (_ for _ in ()).throw(BrokenPipeError());"
-         "sys.exit(starling.main(['sensors', 'show', 'd435']))"],
+         "sys.exit(main(['sensors', 'show', 'd435']))"],
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert (run.returncode, run.stderr) == (0, "")
@@ -47,12 +47,14 @@ def test_reader_that_goes_away_is_no_error() -> None:
 def test_termination_leaves_nothing(tmp_path: Path) -> None:
     """A process that is told to end while it writes cleans up like one that fails."""
     code = (
-        "import sys, time, starling; from sim import backend; from sim.output import OutputFolder\n"
+        "import sys, time; from starling.command_line import main\n"
+        "from starling.sim.console.output import OutputFolder\n"
+        "from starling.sim.render import backend\n"
         "def report():\n"
         f"    with OutputFolder({str(tmp_path / 'out')!r}) as folder:\n"
         "        folder.write('a', 'x'); print('ready', flush=True); time.sleep(60)\n"
         "backend.report = report\n"
-        "sys.exit(starling.main(['doctor']))"
+        "sys.exit(main(['doctor']))"
     )
     with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE) as run:
         assert run.stdout is not None
@@ -66,7 +68,7 @@ def test_termination_leaves_nothing(tmp_path: Path) -> None:
 def test_runs_in_a_thread_and_leaves_signals_alone(capsys: Capsys) -> None:
     before = signal.getsignal(signal.SIGTERM)
     with ThreadPoolExecutor() as pool:
-        assert pool.submit(starling.main, ["sensors", "show", "d435"]).result() == 0
-    assert starling.main(["sensors", "show", "d435"]) == 0
+        assert pool.submit(command_line.main, ["sensors", "show", "d435"]).result() == 0
+    assert command_line.main(["sensors", "show", "d435"]) == 0
     assert signal.getsignal(signal.SIGTERM) is before
     assert capsys.readouterr().out.count('name = "d435"') == 2

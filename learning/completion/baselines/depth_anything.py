@@ -11,13 +11,13 @@ import numpy as np
 import torch
 from transformers import DepthAnythingForDepthEstimation
 
-from learning.completion.alignment import aligned_inverse, normalisation
-from learning.completion.diffusion import reading
-from learning.completion.diffusion.published import folder
-from learning.completion.frame import Frame
-from learning.completion.method import Completed, untold
-from learning.training.learner import device
-from patterns.errors import in_interval, positive, refuse
+from starling.learning.completion.alignment import aligned_inverse, normalisation
+from starling.learning.completion.diffusion import reading
+from starling.learning.completion.diffusion.published import folder
+from starling.learning.completion.frame import Frame
+from starling.learning.completion.method import Completed, untold
+from starling.learning.networks.training.learner import device
+from starling.patterns.errors import in_interval, positive, refuse
 
 PUBLISHED = "depth-anything/Depth-Anything-V2-Small-hf"
 _FILES = ("config.json", "model.safetensors")

@@ -10,12 +10,12 @@ import numpy as np
 import torch
 from diffusers.pipelines.marigold.pipeline_marigold_depth import MarigoldDepthPipeline
 
-from learning.completion.alignment import aligned, least_squares
-from learning.completion.diffusion import weights
-from learning.completion.frame import Frame
-from learning.completion.method import Completed, untold
-from learning.training.learner import device
-from patterns.errors import in_interval, refuse
+from starling.learning.completion.alignment import aligned, least_squares
+from starling.learning.completion.diffusion import weights
+from starling.learning.completion.frame import Frame
+from starling.learning.completion.method import Completed, untold
+from starling.learning.networks.training.learner import device
+from starling.patterns.errors import in_interval, refuse
 
 PUBLISHED = "prs-eth/marigold-depth-v1-0"
 _SPREAD_FROM = 3  # Depths, of which the pipeline tells how far they differ.

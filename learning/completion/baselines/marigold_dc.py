@@ -19,15 +19,15 @@ from diffusers.schedulers.scheduling_ddim import DDIMScheduler
 from torch import Tensor, nn, optim
 from torch.nn import functional
 
-from learning.completion.baselines import marigold
-from learning.completion.diffusion import latents
-from learning.completion.diffusion.seen import padded
-from learning.completion.diffusion.text import empty_prompt
-from learning.completion.frame import Frame
-from learning.completion.method import Completed, untold
-from learning.training.learner import device
-from patterns.errors import in_interval
-from sim.randomness import generator
+from starling.learning.completion.baselines import marigold
+from starling.learning.completion.diffusion import latents
+from starling.learning.completion.diffusion.seen import padded
+from starling.learning.completion.diffusion.text import empty_prompt
+from starling.learning.completion.frame import Frame
+from starling.learning.completion.method import Completed, untold
+from starling.learning.networks.training.learner import device
+from starling.patterns.errors import in_interval
+from starling.sim.randomness import generator
 
 _LATENT_RATE = 0.05
 _AFFINE_RATE = 0.005

@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.completion.classical.outcome import completed, guide, inverse, trusted
-from learning.completion.frame import Frame, Image
-from learning.completion.method import Completed
-from patterns.errors import in_interval
+from starling.learning.completion.classical.outcome import completed, guide, inverse, trusted
+from starling.learning.completion.frame import Frame, Image
+from starling.learning.completion.method import Completed
+from starling.patterns.errors import in_interval
 
 _LEAST_PX = 8  # A coarser image than that tells nothing.
 

@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.completion.classical.outcome import completed, trusted
-from learning.completion.frame import Frame, Image
-from learning.completion.method import Completed
-from patterns.errors import in_interval, refuse
+from starling.learning.completion.classical.outcome import completed, trusted
+from starling.learning.completion.frame import Frame, Image
+from starling.learning.completion.method import Completed
+from starling.patterns.errors import in_interval, refuse
 
 _MARGIN_M = 1.0  # The farthest depth is this far from "empty".
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from learning.completion.classical.outcome import completed, trusted
-from learning.completion.frame import Frame
-from learning.completion.method import Completed
-from sim.filled import filled
+from starling.learning.completion.classical.outcome import completed, trusted
+from starling.learning.completion.frame import Frame
+from starling.learning.completion.method import Completed
+from starling.sim.stereo.filled import filled
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.completion.frame import Frame, Image, Mask
-from learning.completion.method import Completed, untold
+from starling.learning.completion.frame import Frame, Image, Mask
+from starling.learning.completion.method import Completed, untold
 
 _LEVEL = 0.45  # Mean that the image is exposed to: what a colour camera's exposure aims at.
 _ISLAND_PX = 400  # Patches of depth up to this large are not spread.

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import linalg
 
-from learning.completion.classical.outcome import completed, guide, inverse, trusted
-from learning.completion.frame import Frame, Image, Mask
-from learning.completion.method import Completed
-from patterns.errors import in_interval
+from starling.learning.completion.classical.outcome import completed, guide, inverse, trusted
+from starling.learning.completion.frame import Frame, Image, Mask
+from starling.learning.completion.method import Completed
+from starling.patterns.errors import in_interval
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

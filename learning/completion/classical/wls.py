@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from learning.completion.classical.outcome import completed, guide, inverse, trusted
-from learning.completion.frame import Frame
-from learning.completion.method import Completed
-from patterns.errors import in_interval
-from sim.filled import filled
+from starling.learning.completion.classical.outcome import completed, guide, inverse, trusted
+from starling.learning.completion.frame import Frame
+from starling.learning.completion.method import Completed
+from starling.patterns.errors import in_interval
+from starling.sim.stereo.filled import filled
 
 _REACHED = 1e-6  # Share of a valid pixel's weight that must arrive.
 

@@ -9,13 +9,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from learning.completion.diffusion.crop import cropped
-from learning.completion.diffusion.samples import Sample, Samples
-from learning.completion.diffusion.seen import Seen, common, look, padded
-from learning.completion.diffusion.span import Span
-from learning.training import turns
-from patterns.errors import refuse
-from sim.randomness import generator
+from starling.learning.completion.diffusion.crop import cropped
+from starling.learning.completion.diffusion.samples import Sample, Samples
+from starling.learning.completion.diffusion.seen import Seen, common, look, padded
+from starling.learning.completion.diffusion.span import Span
+from starling.learning.networks.training import turns
+from starling.patterns.errors import refuse
+from starling.sim.randomness import generator
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,12 +11,12 @@ from diffusers.models.controlnets.controlnet import ControlNetModel
 from diffusers.models.unets.unet_2d_condition import UNet2DConditionModel
 from torch import Tensor, nn
 
-from learning.completion.diffusion import latents
-from learning.completion.diffusion.seen import Seen
-from learning.completion.diffusion.unet import widen
-from learning.completion.diffusion.variants import VARIANTS, Variant
-from learning.completion.diffusion.weights import Weights
-from patterns.errors import one_of, refuse
+from starling.learning.completion.diffusion import latents
+from starling.learning.completion.diffusion.seen import Seen
+from starling.learning.completion.diffusion.unet import widen
+from starling.learning.completion.diffusion.variants import VARIANTS, Variant
+from starling.learning.completion.diffusion.weights import Weights
+from starling.patterns.errors import one_of, refuse
 
 _LATENTS = 3  # Of image, sensor depth and noisy depth.
 _EMBEDDING = (16, 32, 96, 256)  # Widths of ControlNet's encoder, each half the size of the last.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from learning.completion.diffusion.samples import Sample
-from learning.completion.frame import Frame
-from learning.completion.window import around
+from starling.learning.completion.data.window import around
+from starling.learning.completion.diffusion.samples import Sample
+from starling.learning.completion.frame import Frame
 
 _LEAST = 0.2  # Share of a crop that must have depth, which its scale is told by; else another is
 _TRIES = 10  # drawn, so often.

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from learning.completion.diffusion.model import Model, trained
-from learning.completion.diffusion.sampling import sample
-from learning.completion.diffusion.seen import look
-from learning.completion.diffusion.span import Span
-from learning.completion.diffusion.spread import joined
-from learning.completion.frame import Frame
-from learning.completion.method import Completed
-from patterns.errors import in_interval
+from starling.learning.completion.diffusion.model import Model, trained
+from starling.learning.completion.diffusion.sampling import sample
+from starling.learning.completion.diffusion.seen import look
+from starling.learning.completion.diffusion.span import Span
+from starling.learning.completion.diffusion.spread import joined
+from starling.learning.completion.frame import Frame
+from starling.learning.completion.method import Completed
+from starling.patterns.errors import in_interval
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

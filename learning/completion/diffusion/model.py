@@ -11,12 +11,12 @@ from diffusers.models.autoencoders.autoencoder_kl import AutoencoderKL
 from diffusers.schedulers.scheduling_ddim import DDIMScheduler
 from torch import Tensor, nn
 
-from learning.completion.diffusion import latents, weights
-from learning.completion.diffusion.conditioning import Conditioning, begin, learnt
-from learning.completion.diffusion.text import empty_prompt
-from learning.completion.diffusion.variants import Variant
-from learning.completion.diffusion.weights import Weights
-from learning.training.learner import device
+from starling.learning.completion.diffusion import latents, weights
+from starling.learning.completion.diffusion.conditioning import Conditioning, begin, learnt
+from starling.learning.completion.diffusion.text import empty_prompt
+from starling.learning.completion.diffusion.variants import Variant
+from starling.learning.completion.diffusion.weights import Weights
+from starling.learning.networks.training.learner import device
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

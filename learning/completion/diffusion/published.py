@@ -8,7 +8,7 @@ from pathlib import Path
 
 import huggingface_hub
 
-from patterns.errors import refuse
+from starling.patterns.errors import refuse
 
 TRAIN = "Run starling train completion CAPTURES --start WEIGHTS --out OUT"
 _ID = re.compile(r"[\w.-]+/[\w.-]+")  # Of a hub: owner/name.

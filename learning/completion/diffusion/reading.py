@@ -10,8 +10,8 @@ from diffusers.models.modeling_utils import ModelMixin
 from diffusers.utils import logging as diffusers_logging
 from transformers.utils import logging as transformers_logging
 
-from learning.completion.diffusion.published import TRAIN
-from patterns.errors import refuse
+from starling.learning.completion.diffusion.published import TRAIN
+from starling.patterns.errors import refuse
 
 # Their bars would come between this program's own.
 for logging in (diffusers_logging, transformers_logging):

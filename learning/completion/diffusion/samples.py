@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from learning.completion.frame import Frame, Image
+from starling.learning.completion.frame import Frame, Image
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,10 +10,10 @@ import torch
 from diffusers.schedulers.scheduling_ddim import DDIMScheduler
 from torch import Tensor
 
-from learning.completion.diffusion import latents
-from learning.completion.diffusion.model import Model
-from learning.completion.diffusion.seen import Seen
-from sim.randomness import generator
+from starling.learning.completion.diffusion import latents
+from starling.learning.completion.diffusion.model import Model
+from starling.learning.completion.diffusion.seen import Seen
+from starling.sim.randomness import generator
 
 
 def sample(model: Model, seen: Seen, *, steps: int, seed: int, count: int) -> Iterator[Tensor]:

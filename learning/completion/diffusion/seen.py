@@ -10,8 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from learning.completion.diffusion.span import Span
-from learning.completion.frame import Frame
+from starling.learning.completion.diffusion.span import Span
+from starling.learning.completion.frame import Frame
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.completion.alignment import Normalisation, normalisation
-from learning.completion.frame import Frame, Image
+from starling.learning.completion.alignment import Normalisation, normalisation
+from starling.learning.completion.frame import Frame, Image
 
 HOLE = -1.0  # Of a pixel without depth; the paper does not say what it gives them.
 _INNER = 0.8  # Where -1 and 1 come to lie: what is in holes is often beyond all that is measured.

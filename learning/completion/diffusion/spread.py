@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from learning.completion.frame import Image
+from starling.learning.completion.frame import Image
 
 
 def joined(drawn_m: Image) -> tuple[Image, Image]:

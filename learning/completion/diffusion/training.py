@@ -18,19 +18,19 @@ import numpy as np
 import torch
 from torch import Tensor, nn, optim
 
-from learning import checkpoint
-from learning.completion.diffusion import latents, weights
-from learning.completion.diffusion.batch import Batch, draw
-from learning.completion.diffusion.conditioning import trainable
-from learning.completion.diffusion.model import Model, untrained
-from learning.completion.diffusion.samples import Samples
-from learning.completion.diffusion.variants import Variant
-from learning.completion.diffusion.weights import Weights
-from learning.training.learner import sparing
-from patterns import errors
-from patterns.errors import refuse
-from sim import output, progress
-from sim.randomness import generator
+from starling.learning.completion.diffusion import latents, weights
+from starling.learning.completion.diffusion.batch import Batch, draw
+from starling.learning.completion.diffusion.conditioning import trainable
+from starling.learning.completion.diffusion.model import Model, untrained
+from starling.learning.completion.diffusion.samples import Samples
+from starling.learning.completion.diffusion.variants import Variant
+from starling.learning.completion.diffusion.weights import Weights
+from starling.learning.networks import checkpoint
+from starling.learning.networks.training.learner import sparing
+from starling.patterns import errors
+from starling.patterns.errors import refuse
+from starling.sim.console import output, progress
+from starling.sim.randomness import generator
 
 CHECKPOINT = "training.pt"
 CURVE = "loss.csv"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from learning.completion.diffusion.samples import Sample
-from learning.completion.fingerprint import fingerprint
-from learning.completion.layouts import Listed
-from learning.completion.training_frame import Holes, none_has_depth, training_frame
+from starling.learning.completion.data.fingerprint import fingerprint
+from starling.learning.completion.data.layouts import Listed
+from starling.learning.completion.data.training_frame import Holes, none_has_depth, training_frame
+from starling.learning.completion.diffusion.samples import Sample
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

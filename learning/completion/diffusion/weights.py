@@ -15,9 +15,9 @@ from diffusers.models.unets.unet_2d_condition import UNet2DConditionModel
 from diffusers.schedulers.scheduling_ddim import DDIMScheduler
 from transformers import CLIPTextModel, CLIPTokenizer
 
-from learning.completion.diffusion import reading
-from learning.completion.diffusion.published import folder
-from patterns.errors import refuse
+from starling.learning.completion.diffusion import reading
+from starling.learning.completion.diffusion.published import folder
+from starling.patterns.errors import refuse
 
 # Stable Diffusion 2 as the paper describes it: learnt to tell noise, 64x64 latents. Its first
 # publisher has withdrawn it; this is the archive's copy.

@@ -14,14 +14,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from learning.completion.frame import Image, Mask, checked
-from learning.completion.small.false_islands import with_false_islands
-from learning.completion.small.seen import Seen, seen
-from learning.completion.small.settings import Settings
-from learning.completion.window import around
-from learning.training import turns
-from patterns.errors import refuse
-from sim.randomness import generator
+from starling.learning.completion.data.window import around
+from starling.learning.completion.frame import Image, Mask, checked
+from starling.learning.completion.small.false_islands import with_false_islands
+from starling.learning.completion.small.seen import Seen, seen
+from starling.learning.completion.small.settings import Settings
+from starling.learning.networks.training import turns
+from starling.patterns.errors import refuse
+from starling.sim.randomness import generator
 
 _HALVED = 0.5  # Share of crops that are seen at half the resolution.
 _GAMMA = (0.6, 1.6)  # Of the image: other cameras' curves, and infrared beside colour.

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.completion.frame import Image, Mask
-from sim.generation.draw import Range
+from starling.learning.completion.frame import Image, Mask
+from starling.sim.datasets.draw import Range
 
 _SHARE = 0.8  # Of crops that get any.
 _MOST = 6  # A crop.

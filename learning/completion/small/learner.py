@@ -6,10 +6,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from learning.completion.small.crops import Batch
-from learning.completion.small.network import SmallNetwork, Told
-from learning.completion.small.settings import Settings
-from learning.training.learner import (
+from starling.learning.completion.small.crops import Batch
+from starling.learning.completion.small.network import SmallNetwork, Told
+from starling.learning.completion.small.settings import Settings
+from starling.learning.networks.training.learner import (
     STEEPEST,
     Draw,
     Learner,

@@ -8,9 +8,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from learning.completion.small.proposals import NAMES
-from learning.completion.small.seen import CHANNELS
-from learning.unet import UNet
+from starling.learning.completion.small.proposals import NAMES
+from starling.learning.completion.small.seen import CHANNELS
+from starling.learning.networks.unet import UNet
 
 WIDTHS = (24, 32, 48, 64, 64)
 _SCALE = (-7.0, 1.5)  # Of ln(b): errors from 0.1 % to a factor of 4.

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.completion.classical.outcome import trusted
-from learning.completion.classical.wls import WeightedLeastSquares
-from learning.completion.frame import Frame, Image, Mask
-from sim.filled import filled
+from starling.learning.completion.classical.outcome import trusted
+from starling.learning.completion.classical.wls import WeightedLeastSquares
+from starling.learning.completion.frame import Frame, Image, Mask
+from starling.sim.stereo.filled import filled
 
 NAMES = ("left", "right", "above", "below", "nearest", "smooth")
 

@@ -11,8 +11,8 @@ import dataclasses
 
 import numpy as np
 
-from learning.completion.small.crops import Sample
-from sim.randomness import generator
+from starling.learning.completion.small.crops import Sample
+from starling.sim.randomness import generator
 
 _SIDES = (0.02, 0.25)  # Of rectangles, over the image's.
 _SINGLE = 0.5  # Share of the pixels taken out that is by lot, pixel by pixel.

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.completion.classical.outcome import trusted
-from learning.completion.frame import Frame, Image, Mask
-from learning.completion.small.proposals import NAMES, proposals
+from starling.learning.completion.classical.outcome import trusted
+from starling.learning.completion.frame import Frame, Image, Mask
+from starling.learning.completion.small.proposals import NAMES, proposals
 
 CHANNELS = ("image", "smoothed image", "depth", "valid", "trusted", *NAMES)
 _LEVEL = 0.45  # Mean that the image is exposed to.

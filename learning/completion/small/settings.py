@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from learning.training.settings import Schedule
+from starling.learning.networks.training.settings import Schedule
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

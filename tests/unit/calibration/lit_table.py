@@ -7,14 +7,17 @@ from functools import cache
 
 import numpy as np
 
-from calibration.observation import Observation
-from calibration.photometry.photometry_fit import Photometry
-from sim import capture_writer, render, sensor_edits, sensors, simulate
-from sim.layers import Layers
-from sim.scene import Scene
-from sim.scenes import builtin
-from sim.sensor import Sensor
-from sim.stage import Stage
+from starling.calibration.observation import Observation
+from starling.calibration.photometry.photometry_fit import Photometry
+from starling.sim import simulate
+from starling.sim.captures import writer
+from starling.sim.render import direct
+from starling.sim.render.layers import Layers
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.builtin import scenes
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor import edits, presets
+from starling.sim.sensor.sensor import Sensor
 
 SIZE = [
     ("width", 320),
@@ -26,8 +29,8 @@ SIZE = [
     ("imager.auto_exposure_level", 0.0),
     ("imager.exposure_s", 0.016),
 ]
-START = sensor_edits.with_values(sensors.load("d435"), SIZE)
-TRUTH = sensor_edits.with_values(
+START = edits.with_values(presets.load("d435"), SIZE)
+TRUTH = edits.with_values(
     START,
     [
         ("projector.power_w", 0.22),
@@ -39,19 +42,19 @@ TRUTH = sensor_edits.with_values(
     ],
 )
 AMBIENT_W_M2 = 0.15
-INFO = capture_writer.info_of(START, source="made by a test", licence="", notes="")
-SCENE = builtin.tabletop(3)
+INFO = writer.info_of(START, source="made by a test", licence="", notes="")
+SCENE = scenes.tabletop(3)
 AMBIENT = f"scene.ambient.irradiance_w_m2[{SCENE.name}]"
 
 
 @cache
 def captured_layers() -> Layers:
-    return render.layers(Stage(SCENE), TRUTH, subpixels=3)
+    return direct.layers(Stage(SCENE), TRUTH, subpixels=3)
 
 
 @cache
 def fitted_layers() -> dict[str, Layers]:
-    return {SCENE.name: render.layers(Stage(SCENE), START, subpixels=4)}
+    return {SCENE.name: direct.layers(Stage(SCENE), START, subpixels=4)}
 
 
 def observed(
@@ -70,7 +73,7 @@ def observed(
     pairs = [
         simulate.infrared(layers, lit, sensor, seed=seed, frame=frame) for frame in range(frames)
     ]
-    dark = sensor_edits.with_values(sensor, [("projector.power_w", 0.0)])
+    dark = edits.with_values(sensor, [("projector.power_w", 0.0)])
     codes = np.stack([pair.left for pair in pairs])
     pair_off = simulate.infrared(layers, lit, dark, seed=seed, frame=frames) if off else None
 

@@ -7,16 +7,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import capture_info, capture_writer, png, sensors
-from sim.depth import to_code
-from sim.imager import Infrared
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
+from starling.sim.captures import info as capture_info
+from starling.sim.captures import png, writer
+from starling.sim.imaging.imager import Infrared
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import to_code
 
 
 def small(name: str, width: int, height: int) -> Sensor:
     """A preset of fewer pixels over the same width of field, centred, its projector of 1 W."""
-    preset = sensors.load(name)
+    preset = presets.load(name)
     scale = width / preset.width
     return with_values(
         preset,
@@ -34,7 +36,7 @@ def small(name: str, width: int, height: int) -> Sensor:
 
 def write_info(folder: Path, sensor: Sensor) -> None:
     """Write a set's `capture.toml`, the claimed sensor's."""
-    info = capture_writer.info_of(sensor, source="simulated", licence="Apache-2.0", notes="")
+    info = writer.info_of(sensor, source="simulated", licence="Apache-2.0", notes="")
     folder.mkdir(exist_ok=True)
     (folder / capture_info.FILE).write_text(capture_info.dumps(info))
 

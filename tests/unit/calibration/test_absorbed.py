@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.pattern import absorbed
-from calibration.pattern.cosine_image import Grid
+from starling.calibration.pattern import absorbed
+from starling.calibration.pattern.cosine_image import Grid
 
 GRID = Grid(half_a=0.5, half_b=0.4, step=5e-3)
 

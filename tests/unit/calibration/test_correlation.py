@@ -8,8 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from calibration.correlation import STRIDE_PX, WINDOW_PX, high_passed, local_ncc, right_in_left
-from patterns.errors import InputError
+from starling.calibration.correlation import (
+    STRIDE_PX,
+    WINDOW_PX,
+    high_passed,
+    local_ncc,
+    right_in_left,
+)
+from starling.patterns.errors import InputError
 
 SHAPE = (96, 128)
 ALL = np.ones(SHAPE, bool)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.pattern import cosine_image
-from calibration.pattern.cosine_image import Grid
+from starling.calibration.pattern import cosine_image
+from starling.calibration.pattern.cosine_image import Grid
 
 SHAPE = (9, 12)
 seeds = st.integers(0, 2**32 - 1)

@@ -8,16 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.depth import depth_figures, depth_geometry, depth_only
-from calibration.depth.depth_twin import twin
-from calibration.depth.disparity_scale import DisparityPair
-from calibration.observation import Observation
-from patterns import InputError
-from sim import capture_writer, scenes, sensors, simulate
-from sim.depth import disparity_from_depth, from_code, to_code
-from sim.effects import setting
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
+from starling.calibration.depth import depth_figures, depth_geometry, depth_only
+from starling.calibration.depth.depth_twin import twin
+from starling.calibration.depth.disparity_scale import DisparityPair
+from starling.calibration.observation import Observation
+from starling.patterns import InputError
+from starling.sim import simulate
+from starling.sim.captures import writer
+from starling.sim.effects import setting as setting
+from starling.sim.scene import sources
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import disparity_from_depth, from_code, to_code
 
 TRUE = {  # What differs from the preset, by the table of effects.
     "baseline_error": 0.012,
@@ -31,7 +34,7 @@ TRUE = {  # What differs from the preset, by the table of effects.
 
 def _preset(width: int = 640) -> Sensor:
     """A D415 of fewer pixels, 16:9."""
-    share, whole = width / 1280, sensors.load("d415")
+    share, whole = width / 1280, presets.load("d415")
     return dataclasses.replace(
         whole,
         width=width,
@@ -44,7 +47,7 @@ def _observed(
     name: str, sensor: Sensor, settings: dict[str, float], *, seed: int, mesh: bool
 ) -> Observation:
     """A builtin scene read by a sensor that differs; depth and truth in whole millimetres."""
-    scene = scenes.load(name, sensor)
+    scene = sources.load(name, sensor)
     shot = simulate.simulate(scene, setting.on_sensor(sensor, settings), seed=seed)
     depth_m, truth_m = (
         from_code(to_code(z, 1e-3), 1e-3) for z in (shot.depth.depth_m, shot.layers.truth.depth_m)
@@ -52,7 +55,7 @@ def _observed(
     return Observation(
         name=name,
         room=name,
-        info=capture_writer.info_of(sensor, source="made", licence="Apache-2.0", notes=""),
+        info=writer.info_of(sensor, source="made", licence="Apache-2.0", notes=""),
         depth_m=depth_m,
         truth_m=truth_m,
         scene=scene if mesh else None,
@@ -166,7 +169,7 @@ def _blank(**changes: object) -> Observation:
     """A capture of nothing in particular, which nothing renders."""
     sensor = _preset(320)
     depth = np.full((sensor.height, sensor.width), 1.0, np.float32)
-    info = capture_writer.info_of(sensor, source="", licence="", notes="")
+    info = writer.info_of(sensor, source="", licence="", notes="")
     seen = Observation(
         name="a",
         room="a",
@@ -186,7 +189,7 @@ def test_what_cannot_be_fitted_is_refused() -> None:
     with pytest.raises(InputError, match=r"free must not be empty"):
         depth_only.fit_depth([_blank()], preset, free=())
     with pytest.raises(InputError, match=r"sensor.kind must be stereo without infrared"):
-        depth_only.fit_depth([_blank()], sensors.load("kinect-v1"))
+        depth_only.fit_depth([_blank()], presets.load("kinect-v1"))
     other = _blank(name="b", info=dataclasses.replace(_blank().info, fx_px=300.0))
     with pytest.raises(InputError, match=r"geometry of b must be that of a"):
         depth_only.fit_depth([_blank(), other], preset)
@@ -213,7 +216,7 @@ def test_settling_finds_a_known_offset_and_scale() -> None:
     truth_px = (12 + 30 * (0.4 * down + 0.6 * along)).astype(np.float32)
     noise = np.random.default_rng(0).normal(0, 0.02, truth_px.shape).astype(np.float32)
     start = {"baseline_error": 0.0, "disparity_offset": 0.1}
-    sensor = setting.on_sensor(sensors.load("d435"), start)
+    sensor = setting.on_sensor(presets.load("d435"), start)
     device = setting.on_sensor(sensor, {"baseline_error": 0.01, "disparity_offset": 0.4})
 
     class Drawn:

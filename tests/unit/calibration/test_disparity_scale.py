@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from calibration.depth import disparity_scale
-from calibration.depth.disparity_scale import DisparityPair
-from patterns import InputError
+from starling.calibration.depth import disparity_scale
+from starling.calibration.depth.disparity_scale import DisparityPair
+from starling.patterns import InputError
 
 SHAPE = (240, 320)
 STEP_M = 1e-3

@@ -8,17 +8,18 @@ import io
 import numpy as np
 import pytest
 
-from calibration.pattern import dots
-from calibration.pattern.cosine_image import Grid
-from calibration.pattern.emitter_model import Emission, Model
-from calibration.pattern.image_recovery import imager_blur_px
-from calibration.pattern.lattice import Lattice
-from calibration.pattern.pattern_fit import Fitted
-from calibration.pattern.recovery import Recovered
-from calibration.pattern.unprojected import PatternImage
-from sim import projector, sensors
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
+from starling.calibration.pattern import dots
+from starling.calibration.pattern.cosine_image import Grid
+from starling.calibration.pattern.emitter_model import Emission, Model
+from starling.calibration.pattern.image_recovery import imager_blur_px
+from starling.calibration.pattern.lattice import Lattice
+from starling.calibration.pattern.pattern_fit import Fitted
+from starling.calibration.pattern.recovery import Recovered
+from starling.calibration.pattern.unprojected import PatternImage
+from starling.sim.render import emission
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
 
 GRID = Grid(half_a=0.4, half_b=0.25, step=1.25e-3)
 
@@ -54,14 +55,14 @@ def _lattice(sigma: float) -> Lattice:
 
 @pytest.fixture(scope="module")
 def sensor() -> Sensor:
-    return sensors.load("d415")
+    return presets.load("d415")
 
 
 def test_a_lattice_s_dots_fill_the_field(sensor: Sensor) -> None:
     """Every one a dot of the lattice, none outside; as many as the field's solid angle holds."""
     source = _lattice(3e-3)
     (found,) = dots.of(_recovered(source), sensor)
-    half_x, half_y = projector.half_tangents(sensor.projector)
+    half_x, half_y = emission.half_tangents(sensor.projector)
     assert (np.abs(found.slopes) < [half_x, half_y]).all()
     far = np.sqrt(1 + (found.slopes**2).sum(axis=1))
     steps = found.slopes / far[:, None] @ source.frequencies.T - source.phase

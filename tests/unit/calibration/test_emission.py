@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.pattern import emission
-from calibration.pattern.emission import Alignment, Directions, Seen
-from sim import frames
+from starling.calibration.pattern import emission
+from starling.calibration.pattern.emission import Alignment, Directions, Seen
+from starling.sim.geometry import frames
 
 FOCAL_PX = 450.0
 # Directions are single precision: 1e-7 of a cosine, over two steps of 1e-3 m and more.

@@ -7,16 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.observation import Observation
-from calibration.photometry.exposure_level import fit_exposure_level
-from sim import capture_writer, sensors
-from sim.sensor_edits import with_values
+from starling.calibration.observation import Observation
+from starling.calibration.photometry.exposure_level import fit_exposure_level
+from starling.sim.captures import writer
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
 
-SENSOR = sensors.load("d415")
+SENSOR = presets.load("d415")
 
 
 def _seen(name: str, level_dn: float) -> Observation:
-    info = capture_writer.info_of(SENSOR, source="drawn", licence="Apache-2.0", notes="")
+    info = writer.info_of(SENSOR, source="drawn", licence="Apache-2.0", notes="")
     image = np.full((8, 8), level_dn, np.float32)
     return Observation(name=name, room=name, info=info, left=image, right=image)
 

@@ -13,18 +13,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import starling
-from calibration import fitting, observation
-from calibration.calibrate_captures import calibrate_captures
-from calibration.observation import Observation
-from patterns.errors import InputError
-from sim import asked_sensor, capture, projector, render, sensors
-from sim.scene import Ambient, Scene
-from sim.scenes import builtin
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
-from sim.simulate import infrared
-from sim.stage import Stage
+from starling import command_line
+from starling.calibration import fit_sensor as fitting
+from starling.calibration import observation
+from starling.calibration.calibrate_captures import calibrate_captures
+from starling.calibration.observation import Observation
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture
+from starling.sim.render import direct as render
+from starling.sim.render import emission as projector
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.builtin import scenes as builtin
+from starling.sim.scene.scene import Ambient, Scene
+from starling.sim.sensor import presets as sensors
+from starling.sim.sensor import resolve as asked_sensor
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.simulate import infrared
 from tests.unit.calibration import small_camera
 
 ROOMS = ("attic", "bath", "cellar", "den")
@@ -214,7 +219,7 @@ def written(
     words = ["calibrate", str(captures), "--sensor", "d435", "--free", "pattern", "--json"]
     words += ["--set", "projector.power_w=1.0", "--out", str(out)]
     with redirect_stdout(io.StringIO()) as said:
-        status = starling.main(words)
+        status = command_line.main(words)
     assert not status
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     shutil.move(out, elsewhere / "x.toml")

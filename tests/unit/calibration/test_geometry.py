@@ -12,24 +12,27 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration import parameters
-from calibration.geometry import geometry_fit, residuals, start
-from calibration.observation import Observation
-from patterns.errors import InputError
-from sim import capture_writer, metrics, render, sensors
-from sim.scene import Scene
-from sim.scenes import builtin
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
-from sim.simulate import infrared
-from sim.stage import Stage
+from starling.calibration import parameters
+from starling.calibration.geometry import geometry_fit, residuals, start
+from starling.calibration.observation import Observation
+from starling.patterns.errors import InputError
+from starling.sim import metrics
+from starling.sim.captures import writer
+from starling.sim.render import direct
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.builtin import scenes as builtin
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.simulate import infrared
 
 FREE = ("baseline", "focal", "projector")
 
 
 def preset() -> Sensor:
     """A d435 of 320x180, which sees its dots 1.3 px wide."""
-    sensor = sensors.load("d435")
+    sensor = presets.load("d435")
     scale = 320 / sensor.width
     values = {
         "width": 320,
@@ -66,13 +69,13 @@ def observed(scenes: Sequence[Scene], truth: Sensor, **changes: object) -> list[
     """Simulated captures of scenes known in metres."""
     found = []
     for number, scene in enumerate(scenes):
-        layers = render.layers(Stage(scene), truth, subpixels=3)
+        layers = direct.layers(Stage(scene), truth, subpixels=3)
         pair = infrared(layers, scene, truth, seed=40 + number)
         assert pair.right is not None
         seen = Observation(
             name=scene.name,
             room=scene.name,
-            info=capture_writer.info_of(preset(), source="a test", licence="", notes=""),
+            info=writer.info_of(preset(), source="a test", licence="", notes=""),
             left=pair.left.astype(np.float32),
             right=pair.right.astype(np.float32),
             truth_m=layers.truth.depth_m,

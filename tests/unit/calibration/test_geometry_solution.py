@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration import parameters
-from calibration.geometry import geometry_fit, start
-from calibration.geometry.uncertainty import Uncertainty
-from calibration.parameters import DOT_BLUR
-from sim import sensors
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
+from starling.calibration import parameters
+from starling.calibration.geometry import geometry_fit, start
+from starling.calibration.least_squares.uncertainty import Uncertainty
+from starling.calibration.parameters import DOT_BLUR
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
 
-SENSOR = with_values(sensors.load("d415"), [(DOT_BLUR, 1.2)])
+SENSOR = with_values(presets.load("d415"), [(DOT_BLUR, 1.2)])
 ROWS = parameters.free(("baseline", "focal", "projector"), SENSOR)
 
 

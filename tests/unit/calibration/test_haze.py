@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.photometry import light_model, weights
-from calibration.photometry.photometry_fit import PARAMETERS, fit_photometry
-from sim import render, sensor_edits
-from sim.sensor import Sensor
-from sim.stage import Stage
+from starling.calibration.photometry import light_model, weights
+from starling.calibration.photometry.photometry_fit import PARAMETERS, fit_photometry
+from starling.sim.render import direct
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.sensor import edits
+from starling.sim.sensor.sensor import Sensor
 from tests.unit.calibration.lit_table import (
     AMBIENT,
     AMBIENT_W_M2,
@@ -25,8 +26,8 @@ from tests.unit.calibration.lit_table import (
 
 def misfit(sensor: Sensor, *, on: bool = True) -> float:
     """Misfit of the left image's dots, captured by a sensor and predicted by the true one."""
-    layers = {SCENE.name: render.layers(Stage(SCENE), TRUTH, subpixels=4)}
-    captured = observed(sensor=sensor, off=True, layers=render.layers(Stage(SCENE), sensor))
+    layers = {SCENE.name: direct.layers(Stage(SCENE), TRUTH, subpixels=4)}
+    captured = observed(sensor=sensor, off=True, layers=direct.layers(Stage(SCENE), sensor))
     taken = light_model.images([captured], TRUTH, layers, {})
     (image,) = (one for one in taken if one.side == "left" and one.on == on)
     values = light_model.start(TRUTH, {SCENE.name: AMBIENT_W_M2})
@@ -43,8 +44,7 @@ def misfit(sensor: Sensor, *, on: bool = True) -> float:
 def test_dots_off_their_places_are_noticed() -> None:
     """The more, the farther they are off; not at all where the projector is."""
     near, far = (
-        sensor_edits.with_values(TRUTH, [("projector.shifted_dots_mrad", off)])
-        for off in (1.0, 2.0)
+        edits.with_values(TRUTH, [("projector.shifted_dots_mrad", off)]) for off in (1.0, 2.0)
     )
     assert misfit(TRUTH) < 0.05
     assert 0.1 < misfit(near) < misfit(far) < 0.4
@@ -66,9 +66,9 @@ def test_light_between_dots_comes_back(off: bool, believed: float) -> None:
     """A haze of 0.4, by its change with distance or by an image without it: 3 standard deviations,
     which are below 0.05 and 0.02. What was believed does not count.
     """
-    hazy = sensor_edits.with_values(TRUTH, [("projector.haze", 0.4)])
-    layers = render.layers(Stage(SCENE), hazy, subpixels=3)
-    start = sensor_edits.with_values(START, [("projector.haze", believed)])
+    hazy = edits.with_values(TRUTH, [("projector.haze", 0.4)])
+    layers = direct.layers(Stage(SCENE), hazy, subpixels=3)
+    start = edits.with_values(START, [("projector.haze", believed)])
     fit = fit_photometry([observed(sensor=hazy, off=off, layers=layers)], start)
     haze, sd = found(fit)["projector.haze"], deviations(fit)["projector.haze"]
     assert haze == pytest.approx(0.4, abs=3 * sd)
@@ -79,7 +79,7 @@ def test_light_between_dots_comes_back(off: bool, believed: float) -> None:
 
 
 def test_haze_stays_where_it_was_believed_to_be_all() -> None:
-    start = sensor_edits.with_values(START, [("projector.haze", 1.0)])
+    start = edits.with_values(START, [("projector.haze", 1.0)])
     fit = fit_photometry([observed()], start)
     assert found(fit)["projector.haze"] == 1.0
     assert np.isinf(deviations(fit)["projector.haze"])

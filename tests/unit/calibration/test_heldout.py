@@ -8,14 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration import heldout, observation
-from calibration.observation import Observation
-from patterns.errors import InputError
-from sim import capture, png, projector, scenes
-from sim.scene import Scene
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
-from sim.simulate import simulate
+from starling.calibration import heldout, observation
+from starling.calibration.observation import Observation
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture, png
+from starling.sim.render import emission
+from starling.sim.scene import sources
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.simulate import simulate
 from tests.unit.calibration import small_camera
 
 WIDTH, HEIGHT = 400, 224
@@ -24,7 +26,7 @@ WIDTH, HEIGHT = 400, 224
 def _pattern(sensor: Sensor, folder: Path, name: str, flip: bool) -> Sensor:
     """Its own pattern from a file, as it is or turned over."""
     part = sensor.projector
-    drawn = projector.pattern("d435", part.fov_x_deg, part.fov_y_deg, part.pattern_seed)
+    drawn = emission.pattern("d435", part.fov_x_deg, part.fov_y_deg, part.pattern_seed)
     image = drawn.image[:, ::-1] if flip else drawn.image
     code = np.rint(image * (65535 / image.max())).astype(np.uint16)
     (folder / name).write_bytes(png.encode(np.ascontiguousarray(code)))
@@ -45,7 +47,7 @@ def sensor(folder: Path) -> Sensor:
 def seen(sensor: Sensor, folder: Path) -> Observation:
     """A simulated scene through files: reference depth, reflectance by its smoothed left image."""
     sensor = with_values(sensor, [("projector.pattern_scale", 1.002)])
-    scene = dataclasses.replace(scenes.load("tabletop:3", sensor), interreflection=0.0)
+    scene = dataclasses.replace(sources.load("tabletop:3", sensor), interreflection=0.0)
     shot = simulate(scene, sensor, seed=4)
     small_camera.write_info(folder / "set", sensor)
     truth_m, pair = shot.layers.truth.depth_m, (shot.ir_left, shot.ir_right)

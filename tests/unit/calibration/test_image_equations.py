@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.pattern import image_equations, unprojected
-from calibration.pattern.modulation import Modulation
-from calibration.pattern.unprojected import Placed
+from starling.calibration.pattern import image_equations, unprojected
+from starling.calibration.pattern.modulation import Modulation
+from starling.calibration.pattern.unprojected import Placed
 
 SHAPE = (96, 128)
 TILE = 32

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import patterns
-from calibration.pattern import lattice
-from calibration.pattern.cosine_image import Grid
-from calibration.pattern.lattice import Lattice
-from calibration.pattern.unprojected import PatternImage
+from starling import patterns
+from starling.calibration.pattern import lattice
+from starling.calibration.pattern.cosine_image import Grid
+from starling.calibration.pattern.lattice import Lattice
+from starling.calibration.pattern.unprojected import PatternImage
 
 GRID = Grid(half_a=0.6, half_b=0.4, step=1.6e-3)
 SIGMA = 2e-3  # Of a dot, in cosines.

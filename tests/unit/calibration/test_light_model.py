@@ -9,16 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.photometry import levels, light_model, photometry_fit, tiles
-from sim import frames, sensor_edits
-from sim.imager.exposure import Exposure
+from starling.calibration.least_squares import tiles
+from starling.calibration.photometry import levels, light_model, photometry_fit
+from starling.sim.geometry import frames
+from starling.sim.imaging.imager.exposure import Exposure
+from starling.sim.sensor import edits
 from tests.unit.calibration.lit_table import AMBIENT_W_M2, SCENE, START, fitted_layers, observed
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_turned_projector_s_falloff_is_about_its_own_axis(side: levels.Side) -> None:
     """log cos off its axis, by the angle between the axis and each surface point."""
-    sensor = sensor_edits.with_values(
+    sensor = edits.with_values(
         START, [("projector.rotation_deg", [6.0, -20.0, 9.0]), ("baseline_error", 0.02)]
     )
     depth_m = np.full((sensor.height, sensor.width), 0.6, np.float32)
@@ -40,7 +42,7 @@ def test_a_turned_projector_s_falloff_is_about_its_own_axis(side: levels.Side) -
 @pytest.mark.parametrize("recorded", [None, Exposure(exposure_s=0.01, gain=3.0)])
 def test_the_right_imager_s_gain_is_over_the_left_s(recorded: Exposure | None) -> None:
     """What a camera records is the left imager's."""
-    sensor = sensor_edits.with_values(START, [("left.gain", 1.5), ("right.gain", 2.1)])
+    sensor = edits.with_values(START, [("left.gain", 1.5), ("right.gain", 2.1)])
     told = {} if recorded is None else {SCENE.name: recorded}
     left, right = light_model.images([observed()], sensor, fitted_layers(), told)
     assert (left.side, right.side) == ("left", "right")
@@ -77,7 +79,7 @@ def test_dots_match_where_most_images_show_them() -> None:
 
 def test_a_pixel_s_variance_is_of_reading_and_rounding_light_and_speckle() -> None:
     """[DN^2]; light's as the signal, speckle's as the laser's square."""
-    sensor = sensor_edits.with_values(
+    sensor = edits.with_values(
         START,
         [
             ("imager.read_noise_e", 7.0),
@@ -116,7 +118,7 @@ def test_the_black_level_s_column_is_not_scaled_by_the_reflectance() -> None:
 
 def test_black_levels_begin_no_higher_than_the_darkest_pixels() -> None:
     """And none that is below 0 gets into the sensor."""
-    bright = sensor_edits.with_values(START, [("imager.black_level_dn", 30.0)])
+    bright = edits.with_values(START, [("imager.black_level_dn", 30.0)])
     images = light_model.images([observed()], bright, fitted_layers(), {})
     case = photometry_fit._case(images, bright, (), eliminate=True, means=False)
     for image in images:

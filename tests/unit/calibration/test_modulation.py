@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration.pattern import modulation
-from calibration.pattern.views import View
+from starling.calibration.pattern import modulation
+from starling.calibration.pattern.views import View
 
 SHAPE = (60, 90)
 BLACK_DN, DN_PER_ELECTRON = 16.0, 0.05

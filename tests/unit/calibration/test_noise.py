@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration.observation import Observation
-from calibration.photometry.noise import fit_noise, noise_bound_dn
-from calibration.photometry.photon_transfer import fit_photon_transfer
-from calibration.photometry.prediction import Prediction
+from starling.calibration.observation import Observation
+from starling.calibration.photometry.noise import fit_noise, noise_bound_dn
+from starling.calibration.photometry.photon_transfer import fit_photon_transfer
+from starling.calibration.photometry.prediction import Prediction
 from tests.unit.calibration.lit_table import INFO
 from tests.unit.calibration.test_photon_transfer import repeats, sensor_with
 

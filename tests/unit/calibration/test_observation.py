@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration import observation
-from patterns import InputError
-from sim import capture, sensors
-from sim.capture import CapturedScene
+from starling.calibration import observation
+from starling.patterns import InputError
+from starling.sim.captures import capture
+from starling.sim.captures.capture import CapturedScene
+from starling.sim.sensor import presets
 
 EYE = np.eye(4).tolist()
 
@@ -32,7 +33,7 @@ def test_images_are_read_without_a_surface(small_set: Path) -> None:
 
 def test_reference_depth_becomes_a_surface(small_set: Path) -> None:
     scene = _first(small_set)
-    sensor = scene.info.geometry_into(sensors.load("d415"))
+    sensor = scene.info.geometry_into(presets.load("d415"))
     seen = observation.load(scene, sensor)
     assert seen.scene is not None and not seen.metric
     np.testing.assert_allclose(seen.scene.bodies[0].mesh.vertices[:, 2], 1.0, rtol=1e-3)
@@ -42,7 +43,7 @@ def test_reference_depth_becomes_a_surface(small_set: Path) -> None:
 def test_a_posed_mesh_goes_before_reference_depth(small_set: Path) -> None:
     scene = _first(small_set)
     (scene.path / "scene.toml").write_text(f'scene = "wall:2"\nleft_from_world = {EYE}\n')
-    seen = observation.load(scene, scene.info.geometry_into(sensors.load("d415")))
+    seen = observation.load(scene, scene.info.geometry_into(presets.load("d415")))
     assert seen.scene is not None and seen.scene.name == "wall:2" and seen.metric
 
 
@@ -51,7 +52,7 @@ def test_what_shows_no_surface_has_none(missing: tuple[str, ...], small_set: Pat
     scene = _first(small_set)
     for name in missing:
         (scene.path / f"{name}.png").unlink()
-    seen = observation.load(scene, scene.info.geometry_into(sensors.load("d415")))
+    seen = observation.load(scene, scene.info.geometry_into(presets.load("d415")))
     assert seen.scene is None
     with pytest.raises(InputError, match=r"scene a must have a surface; got none\. Capture"):
         _ = seen.stage
@@ -60,7 +61,7 @@ def test_what_shows_no_surface_has_none(missing: tuple[str, ...], small_set: Pat
 def test_a_surface_is_set_up_once(small_set: Path) -> None:
     """And anew for another surface."""
     scene = _first(small_set)
-    seen = observation.load(scene, scene.info.geometry_into(sensors.load("d415")))
+    seen = observation.load(scene, scene.info.geometry_into(presets.load("d415")))
     assert seen.stage is seen.stage and seen.stage.scene is seen.scene
     other = dataclasses.replace(seen, name="b")
     assert other.stage is not seen.stage

@@ -9,22 +9,23 @@ from typing import Literal
 import numpy as np
 import pytest
 
-import patterns
-from calibration import heldout, observation
-from calibration.observation import Observation
-from calibration.pattern import pattern_sensor, pattern_solution, recovery
-from calibration.pattern import views as seeing
-from calibration.pattern.recovery import Recovered
-from calibration.solution import Estimate, Solution
-from patterns.errors import InputError
-from sim import capture, capture_writer, png, render
-from sim.parts.emitter import Emitter
-from sim.scene import Scene
-from sim.scenes import builtin
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
-from sim.simulate import infrared
-from sim.stage import Stage
+from starling import patterns
+from starling.calibration import heldout, observation
+from starling.calibration.observation import Observation
+from starling.calibration.pattern import pattern_sensor, pattern_solution, recovery
+from starling.calibration.pattern import views as seeing
+from starling.calibration.pattern.recovery import Recovered
+from starling.calibration.solution import Estimate, Solution
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture, png, writer
+from starling.sim.render import direct
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.builtin import scenes as builtin
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.simulate import infrared
 from tests.unit.calibration import small_camera
 
 SUBPIXELS = 3  # The fit looks at pixels' middles alone.
@@ -65,7 +66,7 @@ def _seen(
     scenes = (drawn or _scenes())[: len(scales)]
     for number, (scene, scale) in enumerate(zip(scenes, scales, strict=True)):
         sensor = with_values(truth, [("projector.pattern_scale", scale)])
-        layers = render.layers(Stage(scene), sensor, subpixels=SUBPIXELS)
+        layers = direct.layers(Stage(scene), sensor, subpixels=SUBPIXELS)
         pair = infrared(layers, scene, sensor, seed=seed + number)
         place = folder / f"scene{number}"
         small_camera.write_scene(place, layers.truth.depth_m, (pair.left, pair.right), claimed)
@@ -322,7 +323,7 @@ def _flat(sensor: Sensor) -> Observation:
     return Observation(
         name="hall",
         room="hall",
-        info=capture_writer.info_of(sensor, source="none", licence="Apache-2.0", notes=""),
+        info=writer.info_of(sensor, source="none", licence="Apache-2.0", notes=""),
     )
 
 
@@ -351,7 +352,7 @@ def test_views_are_placed_as_the_sensor_is_aligned() -> None:
     """A pixel of an image that lies 3 px right and 2 px low shows what is 3 px left and 2 up."""
     sensor = _nominal("d415", 160)
     scene = _scenes()[0]
-    layers = render.layers(Stage(scene), sensor)
+    layers = direct.layers(Stage(scene), sensor)
     pair = infrared(layers, scene, sensor, seed=0)
     assert pair.right is not None
     seen = dataclasses.replace(

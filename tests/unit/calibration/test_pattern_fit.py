@@ -7,18 +7,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration.pattern import emission, emitter_model, pattern_fit
-from calibration.pattern.absorbed import Absorbed
-from calibration.pattern.cosine_image import Grid
-from calibration.pattern.emission import Alignment
-from calibration.pattern.emitter_model import Emission, Model
-from calibration.pattern.lattice import Lattice
-from calibration.pattern.pattern_fit import Fitted
-from calibration.pattern.unprojected import PatternImage
-from calibration.pattern.views import View
-from sim import sensors
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
+from starling.calibration.pattern import emission, emitter_model, pattern_fit
+from starling.calibration.pattern.absorbed import Absorbed
+from starling.calibration.pattern.cosine_image import Grid
+from starling.calibration.pattern.emission import Alignment
+from starling.calibration.pattern.emitter_model import Emission, Model
+from starling.calibration.pattern.lattice import Lattice
+from starling.calibration.pattern.pattern_fit import Fitted
+from starling.calibration.pattern.unprojected import PatternImage
+from starling.calibration.pattern.views import View
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
 
 WIDTH, HEIGHT, FOCAL_PX = 320, 192, 230.0
 SCENES = {"near": 0.999, "middle": 1.0, "far": 1.001}
@@ -41,7 +41,7 @@ SHARED = (
 
 def _sensor() -> Sensor:
     return with_values(
-        sensors.load("d415"),
+        presets.load("d415"),
         {
             "width": WIDTH,
             "height": HEIGHT,

@@ -10,18 +10,21 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from calibration.pattern import pattern_sensor
-from calibration.pattern.cosine_image import Grid
-from calibration.pattern.emission import Alignment
-from calibration.pattern.emitter_model import Emission, Model
-from calibration.pattern.image_recovery import imager_blur_px
-from calibration.pattern.lattice import Lattice
-from calibration.pattern.pattern_fit import Fitted
-from calibration.pattern.recovery import Recovered
-from calibration.pattern.unprojected import PatternImage
-from patterns.field import Field
-from sim import frames, png, projector, sensors
-from sim.sensor import Sensor
+from starling.calibration.pattern import pattern_sensor
+from starling.calibration.pattern.cosine_image import Grid
+from starling.calibration.pattern.emission import Alignment
+from starling.calibration.pattern.emitter_model import Emission, Model
+from starling.calibration.pattern.image_recovery import imager_blur_px
+from starling.calibration.pattern.lattice import Lattice
+from starling.calibration.pattern.pattern_fit import Fitted
+from starling.calibration.pattern.recovery import Recovered
+from starling.calibration.pattern.unprojected import PatternImage
+from starling.patterns.field import Field
+from starling.sim.captures import png
+from starling.sim.geometry import frames
+from starling.sim.render import emission
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Sensor
 
 GRID = Grid(half_a=0.66, half_b=0.46, step=2e-3)
 
@@ -65,7 +68,7 @@ def _recovered(*sources: Lattice | PatternImage) -> Recovered:
 
 @pytest.fixture(scope="module")
 def sensor() -> Sensor:
-    return sensors.load("d415")
+    return presets.load("d415")
 
 
 def _read(path: str) -> np.ndarray:
@@ -82,7 +85,7 @@ def _light_at(image: np.ndarray, slopes: np.ndarray, sensor: Sensor) -> np.ndarr
 def _inside(cosines: np.ndarray, sensor: Sensor) -> np.ndarray:
     """Tangents of those directions that are well inside the projector's field."""
     slopes = cosines / np.sqrt(1 - (cosines**2).sum(axis=1))[:, None]
-    return (np.abs(slopes) < 0.95 * np.array(projector.half_tangents(sensor.projector))).all(axis=1)
+    return (np.abs(slopes) < 0.95 * np.array(emission.half_tangents(sensor.projector))).all(axis=1)
 
 
 def test_emitters_stand_where_they_were_found(sensor: Sensor, tmp_path: Path) -> None:

@@ -7,18 +7,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration.pattern import emitter_model, pattern_sensor, pattern_solution
-from calibration.pattern.cosine_image import Grid
-from calibration.pattern.emission import Alignment
-from calibration.pattern.emitter_model import Emission, Model
-from calibration.pattern.lattice import Lattice
-from calibration.pattern.pattern_fit import Fitted
-from calibration.pattern.recovery import Recovered
-from calibration.pattern.unprojected import PatternImage
-from calibration.solution import Solution
-from sim import sensor_edits, sensors
-from sim.parts.emitter import Emitter
-from sim.sensor import Sensor
+from starling.calibration.pattern import emitter_model, pattern_sensor, pattern_solution
+from starling.calibration.pattern.cosine_image import Grid
+from starling.calibration.pattern.emission import Alignment
+from starling.calibration.pattern.emitter_model import Emission, Model
+from starling.calibration.pattern.lattice import Lattice
+from starling.calibration.pattern.pattern_fit import Fitted
+from starling.calibration.pattern.recovery import Recovered
+from starling.calibration.pattern.unprojected import PatternImage
+from starling.calibration.solution import Solution
+from starling.sim.sensor import edits, presets
+from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.sensor import Sensor
 
 SCENES = {"kitchen": 0.999, "hall": 1.001}
 GRID = Grid(half_a=0.6, half_b=0.4, step=0.01)
@@ -68,8 +68,8 @@ def _solution(model: Model, sensor: Sensor, *, metric: bool = False) -> Solution
 @pytest.fixture(scope="module")
 def sensor() -> Sensor:
     """It begins with an alignment of its own."""
-    return sensor_edits.with_values(
-        sensors.load("d415"),
+    return edits.with_values(
+        presets.load("d415"),
         [("right.alignment.offset_y_px", 0.1), ("right.alignment.roll_deg", 0.02)],
     )
 
@@ -122,7 +122,7 @@ def test_every_name_is_a_sensor_s_or_a_scene_s(kind: str, sensor: Sensor) -> Non
         name, bracket, scene = estimate.name.partition("[")
         if bracket:
             assert scene.removesuffix("]") in SCENES
-        sensor_edits.with_values(sensor, [(name, estimate.value)])
+        edits.with_values(sensor, [(name, estimate.value)])
     assert len({one.name for one in found.estimates}) == len(found.estimates)
 
 
@@ -148,7 +148,7 @@ def test_positions_are_the_emitters(sensor: Sensor) -> None:
     model = MODELS["lattices"]
     found = {one.name: one.value for one in _solution(model, sensor).estimates}
     middle = np.array([found[f"projector.position_m.{axis}"] for axis in "xyz"])
-    from sim import frames
+    from starling.sim.geometry import frames
 
     for number, one in enumerate(model.emitters):
         offset = [found[f"projector.emitters.{number}.offset_m.{axis}"] for axis in "xyz"]

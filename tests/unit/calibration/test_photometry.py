@@ -12,17 +12,19 @@ import itertools
 import numpy as np
 import pytest
 
-from calibration.photometry import light_model, noise
-from calibration.photometry.noise import fit_noise, noise_bound_dn
-from calibration.photometry.photometry_fit import PARAMETERS, fit_photometry
-from calibration.photometry.photon_transfer import fit_photon_transfer
-from calibration.photometry.speckle_contrast import SPECKLE, fit_speckle, speckle_bound
-from patterns.errors import InputError
-from sim import render, sensor_edits, simulate
-from sim.imager import charge, smoothing
-from sim.imager.exposure import Exposure
-from sim.scenes import builtin
-from sim.stage import Stage
+from starling.calibration.photometry import light_model, noise
+from starling.calibration.photometry.noise import fit_noise, noise_bound_dn
+from starling.calibration.photometry.photometry_fit import PARAMETERS, fit_photometry
+from starling.calibration.photometry.photon_transfer import fit_photon_transfer
+from starling.calibration.photometry.speckle_contrast import SPECKLE, fit_speckle, speckle_bound
+from starling.patterns.errors import InputError
+from starling.sim import simulate
+from starling.sim.imaging.imager import charge, smoothing
+from starling.sim.imaging.imager.exposure import Exposure
+from starling.sim.render import direct
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor import edits
 from tests.unit.calibration.lit_table import (
     AMBIENT,
     AMBIENT_W_M2,
@@ -39,7 +41,7 @@ from tests.unit.calibration.lit_table import (
 
 def test_known_reflectance_gives_all_strengths() -> None:
     """Power 2 %, ambient 3 %, black level 0.3 DN, exponents 0.2; one scene alone."""
-    start = sensor_edits.with_values(START, [("projector.speckle_contrast", 0.2)])
+    start = edits.with_values(START, [("projector.speckle_contrast", 0.2)])
     fit = fit_photometry([observed()], start, layers=fitted_layers(), reflectance_known=True)
     values = found(fit)
     assert values["projector.power_w"] == pytest.approx(0.22, rel=0.02)
@@ -62,9 +64,9 @@ def test_known_reflectance_gives_all_strengths() -> None:
 
 @pytest.mark.parametrize("known", [False, True])
 def test_dark_current_is_no_black_level(known: bool) -> None:
-    """24 DN of it: the black level is what the imager adds to it, as `sim.imager` reads it out."""
+    """24 DN of it: the black level is what the imager adds to it, as `starling.sim.imaging.imager` reads it out."""
     dark = [("imager.dark_current_e_s", 60_000.0)]
-    truth, start = (sensor_edits.with_values(one, dark) for one in (TRUTH, START))
+    truth, start = (edits.with_values(one, dark) for one in (TRUTH, START))
     observation = observed(sensor=truth, off=True)
     fit = fit_photometry([observation], start, layers=fitted_layers(), reflectance_known=known)
     assert found(fit)["left.black_level_dn"] == pytest.approx(6.0, abs=0.3)
@@ -73,9 +75,7 @@ def test_dark_current_is_no_black_level(known: bool) -> None:
 
 def test_laser_light_is_kept_as_it_was_before_it_was_mixed() -> None:
     """Crosstalk and averaging take it to the laser's part of the level, whatever the haze."""
-    sensor = sensor_edits.with_values(
-        START, [("imager.smoothing_px", 0.68), ("imager.crosstalk", 0.2)]
-    )
+    sensor = edits.with_values(START, [("imager.smoothing_px", 0.68), ("imager.crosstalk", 0.2)])
     image = light_model.images([observed()], sensor, fitted_layers(), {})[0]
     values = light_model.start(sensor, {SCENE.name: AMBIENT_W_M2}) | {light_model.HAZE: 0.3}
     column = light_model.columns(image, values, sensor, (), {})
@@ -119,7 +119,7 @@ def test_wrong_reflectance_is_noticed() -> None:
     ]
     believed = dataclasses.replace(SCENE, bodies=tuple(wrong))
     observation = dataclasses.replace(observed(), scene=believed)
-    layers = {SCENE.name: render.layers(Stage(believed), START)}
+    layers = {SCENE.name: direct.layers(Stage(believed), START)}
     fit = fit_photometry([observation], START, layers=layers, reflectance_known=True)
     values = found(fit)
     assert np.isinf(deviations(fit)["projector.power_w"])
@@ -131,8 +131,8 @@ def test_wrong_reflectance_is_noticed() -> None:
 
 def test_auto_exposure_hides_power_unless_it_is_recorded() -> None:
     automatic = [("imager.auto_exposure_level", 0.2), ("imager.auto_exposure_max_s", 0.03)]
-    truth = sensor_edits.with_values(TRUTH, automatic)
-    start = sensor_edits.with_values(START, automatic)
+    truth = edits.with_values(TRUTH, automatic)
+    start = edits.with_values(START, automatic)
     observation = observed(sensor=truth)
     blind = fit_photometry([observation], start, layers=fitted_layers(), reflectance_known=True)
     assert np.isinf(deviations(blind)["projector.power_w"])
@@ -154,7 +154,7 @@ def test_auto_exposure_hides_power_unless_it_is_recorded() -> None:
 
 def test_dots_elsewhere_are_not_fitted() -> None:
     """Another pattern than the device's: mean levels alone, and a sentence that says so."""
-    other = sensor_edits.with_values(START, [("projector.pattern_seed", 9)])
+    other = edits.with_values(START, [("projector.pattern_seed", 9)])
     fit = fit_photometry([observed()], other)
     assert np.isinf(deviations(fit)["left.lens.blur_px"])
     assert np.isinf(deviations(fit)[AMBIENT])
@@ -168,12 +168,12 @@ def test_dots_elsewhere_are_not_fitted() -> None:
 
 def test_one_wall_leaves_the_black_level_open() -> None:
     """One even wall through a lens that does not darken: black level and ambient light are one."""
-    wall = builtin.wall(1.0)
+    wall = scenes.wall(1.0)
     even = dataclasses.replace(wall, ambient=dataclasses.replace(wall.ambient, gradient=0.0))
     no_darkening = [("imager.lens.vignetting", 0.0), ("projector.falloff", 1.5)]
-    truth = sensor_edits.with_values(TRUTH, no_darkening)
-    start = sensor_edits.with_values(START, no_darkening)
-    layers = render.layers(Stage(even), truth, subpixels=3)
+    truth = edits.with_values(TRUTH, no_darkening)
+    start = edits.with_values(START, no_darkening)
+    layers = direct.layers(Stage(even), truth, subpixels=3)
     observation = observed(scene=even, layers=layers, sensor=truth)
     fit = fit_photometry([observation], start, free=(PARAMETERS[1], PARAMETERS[2]))
     estimate = next(e for e in fit.solution.estimates if e.name == "left.black_level_dn")
@@ -184,7 +184,7 @@ def test_one_wall_leaves_the_black_level_open() -> None:
 
 def test_noise_of_a_whole_capture() -> None:
     """Electrons per DN 5 %, speckle 10 %, from levels fitted on the same images."""
-    truth = sensor_edits.with_values(TRUTH, [("imager.full_well_e", 14_000.0)])
+    truth = edits.with_values(TRUTH, [("imager.full_well_e", 14_000.0)])
     observation = observed(sensor=truth, frames=4)
     fit = fit_photometry([observation], START, layers=fitted_layers())
     solution = fit_noise([observation], fit.predictions, fit.solution.sensor)
@@ -310,7 +310,7 @@ def test_intervals_cover(known: bool) -> None:
 
 
 def test_a_tone_curve_is_refused() -> None:
-    bent = sensor_edits.with_values(START, [("imager.gamma", 2.2)])
+    bent = edits.with_values(START, [("imager.gamma", 2.2)])
     with pytest.raises(InputError, match=r"left\.gamma must be 1"):
         fit_photometry([observed()], bent)
 

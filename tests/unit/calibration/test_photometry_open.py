@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.photometry import light_model, photometry_open
-from calibration.photometry.light_model import FALLOFF, HAZE, LEFT_BLACK, POWER, VIGNETTING
-from calibration.solution import Estimate
+from starling.calibration.photometry import light_model, photometry_open
+from starling.calibration.photometry.light_model import FALLOFF, HAZE, LEFT_BLACK, POWER, VIGNETTING
+from starling.calibration.solution import Estimate
 
 AMBIENT = light_model.ambient("hall")
 

@@ -7,14 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration.photometry import photon_transfer
-from calibration.photometry.photon_transfer import fit_photon_transfer
-from calibration.solution import Solution
-from patterns.errors import InputError
-from sim import imager, sensors
-from sim.sensor import Imager, Sensor
+from starling.calibration.photometry import photon_transfer
+from starling.calibration.photometry.photon_transfer import fit_photon_transfer
+from starling.calibration.solution import Solution
+from starling.patterns.errors import InputError
+from starling.sim.imaging import imager
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Imager, Sensor
 
-BASE = sensors.load("d435")
+BASE = presets.load("d435")
 
 
 def sensor_with(**changes: float) -> Sensor:

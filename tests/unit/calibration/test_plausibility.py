@@ -14,26 +14,27 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.observation import Observation
-from calibration.plausibility import (
+from starling.calibration.observation import Observation
+from starling.calibration.plausibility import (
     checks,
     correspondence,
     depth_spread,
     preset_fit,
     reference_scale,
 )
-from calibration.plausibility.dots_seen import covered, see, stated_per_deg2
-from patterns.errors import InputError
-from sim import projector, sensors
-from sim.capture_writer import info_of
-from sim.sensor import Sensor
+from starling.calibration.plausibility.dots_seen import covered, see, stated_per_deg2
+from starling.patterns.errors import InputError
+from starling.sim.captures.writer import info_of
+from starling.sim.render import emission
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Sensor
 
 NEAR_PX, FAR_PX = 30.0, 14.0  # Disparity of the upper and the lower half.
 
 
 def _sensor(name: str = "d435") -> Sensor:
     """A preset at 640 x 360, its projector in the left imager."""
-    preset = sensors.load(name)
+    preset = presets.load(name)
     scale = 640 / preset.width
     return dataclasses.replace(
         preset,
@@ -53,11 +54,11 @@ D435 = _sensor()
 def _drawn(sensor: Sensor) -> np.ndarray:
     """What the left imager sees of the pattern on white (h, w) [DN]."""
     part = sensor.projector
-    half_x, half_y = projector.half_tangents(part)
+    half_x, half_y = emission.half_tangents(part)
     size = (round(2 * half_x * sensor.fx_px), round(2 * half_y * sensor.fy_px))
     light = sum(
-        projector.irradiance_at_unit_distance(part, number)
-        for number in range(len(projector.emitters(part)))
+        emission.irradiance_at_unit_distance(part, number)
+        for number in range(len(emission.emitters(part)))
     )
     seen = cv2.resize(np.asarray(light), size, interpolation=cv2.INTER_AREA)
     lost_x, lost_y = seen.shape[1] - sensor.width, seen.shape[0] - sensor.height
@@ -269,7 +270,7 @@ def test_density_is_counted_as_stated(name: str) -> None:
 @pytest.mark.parametrize(("asked", "real"), [("d435", "d415"), ("d415", "d435")])
 def test_the_wrong_preset(asked: str, real: str) -> None:
     item = _observation("a", _sensor(real))
-    said = _refusal(item, sensor=item.info.geometry_into(sensors.load(asked)))
+    said = _refusal(item, sensor=item.info.geometry_into(presets.load(asked)))
     assert said.startswith(f"sensor {asked} must fit the captures; got ")
     assert "dots per square degree where its pattern shows" in said
     assert said.endswith(f"Preset {real} fits better.")
@@ -278,7 +279,7 @@ def test_the_wrong_preset(asked: str, real: str) -> None:
 def test_the_wrong_preset_without_infrared() -> None:
     """Without dots the captures' own word decides between a refusal and a warning."""
     blind = dataclasses.replace(_observation("a", _sensor("d415")), left=None, right=None)
-    asked = blind.info.geometry_into(sensors.load("d435"))
+    asked = blind.info.geometry_into(presets.load("d435"))
     said = _refusal(blind, sensor=asked)
     assert "a field 71 deg wide where the preset has 89" in said and "d415 fits" in said
     unnamed = dataclasses.replace(blind.info, sensor="mine")

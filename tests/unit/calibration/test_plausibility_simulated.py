@@ -7,22 +7,23 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration.observation import Observation
-from calibration.plausibility import checks
-from calibration.plausibility.correspondence import find
-from calibration.plausibility.dots_seen import see, stated_per_deg2
-from patterns.errors import InputError
-from sim import scenes, sensors
-from sim.capture_writer import info_of
-from sim.sensor import Sensor
-from sim.simulate import simulate
+from starling.calibration.observation import Observation
+from starling.calibration.plausibility import checks
+from starling.calibration.plausibility.correspondence import find
+from starling.calibration.plausibility.dots_seen import see, stated_per_deg2
+from starling.patterns.errors import InputError
+from starling.sim.captures.writer import info_of
+from starling.sim.scene import sources
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.simulate import simulate
 
 pytestmark = pytest.mark.long
 BAREST_ROOM = 0.3  # Share of windows that show dots: the least of 15 captured D415 rooms.
 
 
 def _small(name: str) -> Sensor:
-    preset = sensors.load(name)
+    preset = presets.load(name)
     scale = 640 / preset.width
     return dataclasses.replace(
         preset,
@@ -36,7 +37,7 @@ def _small(name: str) -> Sensor:
 
 
 def _observation(word: str, sensor: Sensor, seed: int) -> Observation:
-    scene = dataclasses.replace(scenes.load(word, sensor), interreflection=0.0)
+    scene = dataclasses.replace(sources.load(word, sensor), interreflection=0.0)
     shot = simulate(scene, sensor, seed=seed)
     assert shot.ir_right is not None
     return Observation(
@@ -90,7 +91,7 @@ def test_dots_are_as_dense_as_stated(name: str) -> None:
     Dots alike in power look alike at two places of a row more often, and such windows are not
     counted. As many show dots as in captured rooms of a D415: 30 to 66 %.
     """
-    sensor, shares = sensors.load(name), []
+    sensor, shares = presets.load(name), []
     stated = stated_per_deg2(sensor.projector, sensor.fx_px)
     for item in _captures(sensor):
         assert item.left is not None and item.right is not None
@@ -112,7 +113,7 @@ def test_the_emitter_off(sensor: Sensor) -> None:
 
 def test_the_wrong_preset(captures: tuple[Observation, ...], sensor: Sensor) -> None:
     other = "d415" if sensor.name == "d435" else "d435"
-    asked = captures[0].info.geometry_into(sensors.load(other))
+    asked = captures[0].info.geometry_into(presets.load(other))
     assert f"Preset {sensor.name} fits better." in _refusal(captures, asked)
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.photometry import quantised_noise
+from starling.calibration.photometry import quantised_noise
 
 
 @pytest.mark.parametrize("sigma_dn", [0.1, 0.2, 0.3, 0.6, 2.0])

@@ -17,21 +17,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.heldout import Scored
-from calibration.pattern.cosine_image import Grid
-from calibration.pattern.emitter_model import Emission, Model
-from calibration.pattern.lattice import Lattice
-from calibration.pattern.pattern_fit import Fitted
-from calibration.pattern.recovery import Recovered
-from calibration.pattern.unprojected import PatternImage
-from calibration.report import figures as report
-from calibration.report import page as report_page
-from calibration.report import pictures as report_pictures
-from calibration.report import tables as report_tables
-from calibration.report.elements import MINUS
-from calibration.result import Calibration
-from calibration.solution import Estimate, Solution
-from sim import record, sensors
+from starling.calibration.heldout import Scored
+from starling.calibration.pattern.cosine_image import Grid
+from starling.calibration.pattern.emitter_model import Emission, Model
+from starling.calibration.pattern.lattice import Lattice
+from starling.calibration.pattern.pattern_fit import Fitted
+from starling.calibration.pattern.recovery import Recovered
+from starling.calibration.pattern.unprojected import PatternImage
+from starling.calibration.report import figures, tables
+from starling.calibration.report import page as report_page
+from starling.calibration.report import pictures as report_pictures
+from starling.calibration.result import Calibration
+from starling.calibration.solution import Estimate, Solution
+from starling.sim.console import record
+from starling.sim.report.elements import MINUS
+from starling.sim.sensor import presets
 
 SHAPE = (108, 192)
 OPEN = "Focal length and baseline cannot be told apart: capture a posed mesh <1 m away & move it."
@@ -106,7 +106,7 @@ def calibration(**changes: Any) -> Calibration:
         covariance=covariance,
         undetermined=(OPEN,),
         cost=(3.5, 1.4, 1.05),
-        sensor=sensors.load("d415"),
+        sensor=presets.load("d415"),
         derived=(Estimate(name="focal_baseline", value=35.2, sd=0.01, unit="px m", start=34.0),),
     )
     photometry = dataclasses.replace(
@@ -119,7 +119,7 @@ def calibration(**changes: Any) -> Calibration:
         scenes={"a<b>": {"ambient_w_m2": 0.3}},
     )
     whole = Calibration(
-        sensor=dataclasses.replace(sensors.load("d415"), name="my <d415>"),
+        sensor=dataclasses.replace(presets.load("d415"), name="my <d415>"),
         solutions={"geometry": geometry, "photometry": photometry},
         warnings=(WARNED,),
         fitted_rooms=("room <1>", "hall"),
@@ -135,7 +135,7 @@ BARE = {"solutions": {}, "warnings": (), "heldout": (), "before": (), "recovered
 
 
 def test_figures_have_the_keys_that_are_promised() -> None:
-    found = report.figures(calibration())
+    found = figures.figures(calibration())
     assert set(found) == {*KEYS, "seconds", "stages"}
     assert set(found["parameters"]["baseline_m"]) == {"value", "sd", "unit", "start"}
     assert set(found["derived"]["focal_baseline"]) == {"value", "sd", "unit", "start"}
@@ -152,10 +152,10 @@ def test_figures_have_the_keys_that_are_promised() -> None:
 
 def test_figures_are_json_where_something_cannot_be_had() -> None:
     """Infinite deviations and scores of nothing become null."""
-    found = json.loads(record.dumps(report.figures(calibration())))
+    found = json.loads(record.dumps(figures.figures(calibration())))
     assert found["parameters"]["fx_px"]["sd"] is None
     assert found["heldout"]["scenes"]["shelf <x>"]["before"]["ncc"] is None
-    bare = json.loads(record.dumps(report.figures(calibration(**BARE))))
+    bare = json.loads(record.dumps(figures.figures(calibration(**BARE))))
     assert set(bare) == {*KEYS, "seconds", "stages"}
     assert all(bare["heldout"][name] is None for name in SCORES)
     assert bare["heldout"]["scenes"] == {} == bare["parameters"]
@@ -176,7 +176,7 @@ def test_heldout_scores_pool_the_imagers_and_take_the_median_scene() -> None:
         )
         for name, value in (("two", 0.5), ("three", 0.9))
     ]
-    found = report.heldout_figures(calibration(heldout=(first, *alone), before=()))
+    found = figures.heldout_figures(calibration(heldout=(first, *alone), before=()))
     scenes = found["scenes"]
     assert scenes["one"]["ncc"] == pytest.approx(0.3)
     assert scenes["one"]["ncc_p25"] == pytest.approx(0.2)
@@ -270,14 +270,14 @@ def test_no_more_than_three_scenes_are_pictured() -> None:
 
 
 def test_numbers_that_move_together_are_named() -> None:
-    text = report_tables.strongest(calibration().solutions["geometry"])
+    text = tables.strongest(calibration().solutions["geometry"])
     assert "baseline_m" in text and "projector.rotation_deg.y" in text
     assert f"{MINUS}0.970" in text
     assert "fx_px" not in text  # Not determined: it correlates with nothing.
 
 
 def test_what_is_not_determined_has_no_deviation() -> None:
-    cells = report_tables.estimates(calibration().solutions["geometry"].estimates)
+    cells = tables.estimates(calibration().solutions["geometry"].estimates)
     assert cells.count("not determined") == 1
     assert ">0.055013<" in cells and ">0.000021<" in cells and ">+95.9 sd<" in cells
 
@@ -286,7 +286,7 @@ def test_what_is_not_determined_has_no_deviation() -> None:
 def test_deviations_show_two_digits(sd: float, value: float) -> None:
     """Half a unit of the second digit is 5 % at most."""
     one = Estimate(name="n", value=value, sd=sd, unit="1", start=0.0)
-    cells = re.findall(r'<td class="number">([^<]*)</td>', report_tables.estimates([one]))
+    cells = re.findall(r'<td class="number">([^<]*)</td>', tables.estimates([one]))
     shown_value, shown_sd = (float(cell.replace(MINUS, "-")) for cell in cells[:2])
     assert shown_sd == pytest.approx(sd, rel=0.0501)
     assert shown_value == pytest.approx(value, abs=max(0.0501 * sd, 0.5 if sd > 9.9 else 0))

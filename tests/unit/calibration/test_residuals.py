@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration import parameters
-from calibration.geometry import residuals
-from calibration.geometry.residuals import Variance
-from calibration.parameters import DOT_BLUR, FIELD, Parameter
-from sim import sensors
+from starling.calibration import parameters
+from starling.calibration.geometry import residuals
+from starling.calibration.geometry.residuals import Variance
+from starling.calibration.parameters import DOT_BLUR, FIELD, Parameter
+from starling.sim.sensor import presets
 
 SIZE = 16
 SHAPE = (64, 640)  # Squares of three tiles.
@@ -68,7 +68,7 @@ def test_the_body_that_fills_most_of_a_tile_counts_there() -> None:
 
 def test_columns_are_of_what_images_move_with() -> None:
     """A field by its share, dots' width by its variance, all else as it is."""
-    sensor = sensors.load("d415")
+    sensor = presets.load("d415")
 
     def row(name: str) -> Parameter:
         return Parameter(name=name, group="", unit="", tolerance=0.02)

@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from calibration.pattern import room_equations
-from calibration.pattern.cosine_image import Grid
-from calibration.pattern.emitter_model import Emission, Model
-from calibration.pattern.tile_equations import Normal
-from calibration.pattern.unprojected import PatternImage
+from starling.calibration.pattern import room_equations
+from starling.calibration.pattern.cosine_image import Grid
+from starling.calibration.pattern.emitter_model import Emission, Model
+from starling.calibration.pattern.tile_equations import Normal
+from starling.calibration.pattern.unprojected import PatternImage
 
 GRID = Grid(half_a=0.2, half_b=0.2, step=0.1)
 FLAT = np.ones(GRID.shape, np.float32)

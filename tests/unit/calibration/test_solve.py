@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from calibration import parameters
-from calibration.geometry import solve, uncertainty
-from calibration.geometry.uncertainty import Uncertainty
-from calibration.parameters import Parameter
+from starling.calibration import parameters
+from starling.calibration.least_squares import solve, uncertainty
+from starling.calibration.least_squares.uncertainty import Uncertainty
+from starling.calibration.parameters import Parameter
 
 
 @dataclass

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.pattern import tile_equations
-from calibration.pattern.tile_equations import Normal
+from starling.calibration.pattern import tile_equations
+from starling.calibration.pattern.tile_equations import Normal
 
 TILE, ROWS, ACROSS = 8, 2, 3
 SHAPE = (ROWS * TILE, ACROSS * TILE)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.photometry import tiles
+from starling.calibration.least_squares import tiles
 
 SHAPE = (32, 48)  # Six tiles.
 

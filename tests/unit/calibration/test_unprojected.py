@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.pattern import cosine_image, unprojected
-from calibration.pattern.cosine_image import Grid
-from calibration.pattern.modulation import Modulation, high_passed
-from calibration.pattern.unprojected import PatternImage, Placed
+from starling.calibration.pattern import cosine_image, unprojected
+from starling.calibration.pattern.cosine_image import Grid
+from starling.calibration.pattern.modulation import Modulation, high_passed
+from starling.calibration.pattern.unprojected import PatternImage, Placed
 
 GRID = Grid(half_a=0.32, half_b=0.2, step=2.5e-3)
 SHAPE = (180, 280)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration import variable_projection
-from patterns.errors import InputError
+from starling.calibration.least_squares import variable_projection
+from starling.patterns.errors import InputError
 
 SHAPE, SIZE = (24, 36), 12
 

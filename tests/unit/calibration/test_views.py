@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.observation import Observation
-from calibration.pattern import views
-from sim import capture_writer, metrics
-from sim.scenes import builtin
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
+from starling.calibration.observation import Observation
+from starling.calibration.pattern import views
+from starling.sim import metrics
+from starling.sim.captures import writer
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
 from tests.unit.calibration.small_camera import small
 
 SENSOR = small("d415", 320, 180)
@@ -23,10 +24,10 @@ def _seen(sensor: Sensor, **changes: object) -> tuple[views.View, ...]:
     observation = Observation(
         name="stairs",
         room="stairs",
-        info=capture_writer.info_of(sensor, source="drawn", licence="Apache-2.0", notes=""),
+        info=writer.info_of(sensor, source="drawn", licence="Apache-2.0", notes=""),
         left=dark,
         right=dark,
-        scene=builtin.staircase(0.6),
+        scene=scenes.staircase(0.6),
         metric=True,
     )
     return views.of(replace(observation, **changes), sensor)
@@ -47,7 +48,7 @@ def test_a_misaligned_imager_sees_nothing_from_beyond_the_border() -> None:
     """An image that lies 3 px to the right and 2 px lower shows what those pixels' rays meet."""
     off = [("right.alignment.offset_x_px", 3.0), ("right.alignment.offset_y_px", 2.0)]
     sensor = with_values(SENSOR, off)
-    points = _seen(sensor, scene=builtin.wall(1.0))[1].points_m
+    points = _seen(sensor, scene=scenes.wall(1.0))[1].points_m
     known = np.isfinite(points[..., 2])
     rows, columns = np.indices(known.shape)
     for axis, place, moved, at in ((0, columns, 3, SENSOR.cx_px), (1, rows, 2, SENSOR.cy_px)):

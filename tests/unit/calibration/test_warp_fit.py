@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration import heldout
-from calibration.geometry import warp_fit
-from calibration.geometry.warp_fit import COLUMNS, fit_warp
-from calibration.observation import Observation
-from patterns.errors import InputError
-from sim import capture_writer
-from sim.scenes import builtin
-from sim.sensor import Sensor
-from sim.stage import Stage
+from starling.calibration import heldout
+from starling.calibration.geometry import warp_fit
+from starling.calibration.geometry.warp_fit import COLUMNS, fit_warp
+from starling.calibration.observation import Observation
+from starling.patterns.errors import InputError
+from starling.sim.captures import writer
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor.sensor import Sensor
 from tests.unit.calibration.small_camera import small
 
 SENSOR = small("d415", 640, 360)
@@ -31,9 +31,9 @@ def _warped(cells: np.ndarray) -> Sensor:
 
 
 def _seen(room: str, distance_m: float, sensor: Sensor) -> Observation:
-    scene = builtin.wall(distance_m=distance_m)
+    scene = scenes.wall(distance_m=distance_m)
     images, _ = heldout.simulate(Stage(scene), sensor, 1.0)
-    info = capture_writer.info_of(SENSOR, source="drawn", licence="Apache-2.0", notes="")
+    info = writer.info_of(SENSOR, source="drawn", licence="Apache-2.0", notes="")
     return Observation(
         name=room,
         room=room,

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.photometry import weights
-from calibration.photometry.light_model import Columns
+from starling.calibration.photometry import weights
+from starling.calibration.photometry.light_model import Columns
 
 SHAPE = (32, 48)  # Six tiles.
 LEAST, PER_SIGNAL, PER_LASER = 2.0, 0.3, 0.04

@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.diagnosis import Diagnosis
-from diagnosis.howfar.closed import Closed
-from diagnosis.howfar.judged import Judged
-from diagnosis.reading import Reading
-from diagnosis.report.shown import Shown
-from diagnosis.where import maps, rules, swap, table
-from diagnosis.where.where import Where
-from diagnosis.which import search
-from diagnosis.which.arm import OF_BEFORE, UNEXPLAINED, Found, Screen
-from diagnosis.which.bench import Bench
-from diagnosis.which.candidates import Arm
-from diagnosis.which.rows import Columns
-from diagnosis.which.signature import Signature
+from starling.diagnosis.diagnosis import Diagnosis
+from starling.diagnosis.howfar.evaluation import Judged
+from starling.diagnosis.howfar.reduction import Closed
+from starling.diagnosis.report.scene_images import Shown
+from starling.diagnosis.scenes.observation import Reading
+from starling.diagnosis.where import covariates, maps, rules, swap
+from starling.diagnosis.where.location import Where
+from starling.diagnosis.which import search
+from starling.diagnosis.which.candidates import Arm
+from starling.diagnosis.which.response import Signature
+from starling.diagnosis.which.rows import Columns
+from starling.diagnosis.which.segment import OF_BEFORE, UNEXPLAINED, Found, Screen
+from starling.diagnosis.which.table import Bench
 from tests.unit.diagnosis import test_fit as made
 from tests.unit.diagnosis.test_features import GROUND
 from tests.unit.diagnosis.test_where import pair_of
@@ -56,7 +56,7 @@ def where(captured: list[Reading]) -> Where:
         parts=swap.swap(simulated, captured, grounds, rooms),
         maps=tuple(maps.maps(simulated, captured, grounds, rooms)) if several else (),
         bodies=(),
-        rows=tuple(table.table(before, after, grounds, rooms)),
+        rows=tuple(covariates.table(before, after, grounds, rooms)),
         off=(),
         rules=tuple(rules.rules(before, after, grounds, rooms)),
     )

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.which import null, search
-from diagnosis.which.arm import Screen
-from diagnosis.which.candidates import Arm, Candidate
-from diagnosis.which.fit import fit, folds
-from diagnosis.which.likelihood import Likelihood
-from diagnosis.which.null import Base
-from diagnosis.which.signature import Signature
-from diagnosis.which.trial import Trial
-from sim import effects
+from starling.diagnosis.which import null, search
+from starling.diagnosis.which.candidates import Arm, Candidate
+from starling.diagnosis.which.fit import fit, folds
+from starling.diagnosis.which.likelihood import Likelihood
+from starling.diagnosis.which.null import Base
+from starling.diagnosis.which.response import Signature
+from starling.diagnosis.which.segment import Screen
+from starling.diagnosis.which.trial import Trial
+from starling.sim import effects
 
 SCENES, FEATURES, SEEDS = 8, 40, 6
 ROOMS = [str(scene) for scene in range(SCENES)]

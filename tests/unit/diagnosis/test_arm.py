@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.which import arm as module
-from diagnosis.which.candidates import Arm
+from starling.diagnosis.which import segment
+from starling.diagnosis.which.candidates import Arm
 from tests.unit.diagnosis.made_gaps import (
     BASE,
     FEATURES,
@@ -34,11 +34,11 @@ class Captured(FakeBench):
         return self._real
 
 
-def found(settings: dict[str, float], *, of_seeds: float, arm: Arm = Arm.IMAGE) -> module.Found:
+def found(settings: dict[str, float], *, of_seeds: float, arm: Arm = Arm.IMAGE) -> segment.Found:
     change = FakeBench().change(settings)
     assert change is not None
     bench: Any = Captured(change + noise(7), arm)
-    return module.diagnosed(bench, screen(*SIGNATURES, noise=of_seeds))
+    return segment.diagnosed(bench, screen(*SIGNATURES, noise=of_seeds))
 
 
 @pytest.mark.parametrize("arm, share", [(Arm.IMAGE, 0.04), (Arm.WHOLE, 0.04), (Arm.DEPTH, 0.1)])
@@ -62,14 +62,14 @@ def test_a_gap_is_unexplained_where_more_is_left():
     """What nothing in the table makes: every second feature is off by as much."""
     bench: Any = Captured(noise(7) + 0.5 * (-1.0) ** np.arange(FEATURES))
     asked = screen(*SIGNATURES, noise=0.9)
-    assert module.diagnosed(bench, asked).unexplained
+    assert segment.diagnosed(bench, asked).unexplained
     assert not found({"crosstalk": 0.4}, of_seeds=0.9).unexplained
-    untried = module.diagnosed(bench, module.of_families(asked, ()))
+    untried = segment.diagnosed(bench, segment.of_families(asked, ()))
     assert not untried.unexplained
 
 
 def test_matchers_are_the_same_where_no_feature_is_off():
     off = 0.99 * BASE.deviation
-    assert module._same(Captured(BASE.mean + off), BASE)  # type: ignore[arg-type]
+    assert segment._same(Captured(BASE.mean + off), BASE)  # type: ignore[arg-type]
     off[SCENES - 1, FEATURES - 1] *= -1.02
-    assert not module._same(Captured(BASE.mean + off), BASE)  # type: ignore[arg-type]
+    assert not segment._same(Captured(BASE.mean + off), BASE)  # type: ignore[arg-type]

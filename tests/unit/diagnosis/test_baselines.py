@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis import batch
-from diagnosis.which import baselines
-from diagnosis.which.signature import Signature
+from starling.diagnosis.validation.adapters import batch
+from starling.diagnosis.which import baselines
+from starling.diagnosis.which.response import Signature
 from tests.unit.diagnosis.made_gaps import FEATURES, MADE, SCENES, VALUES, candidate, likelihood_of
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from diagnosis import batch, families
-from sim import effects
+from starling.diagnosis.validation.adapters import batch, families
+from starling.sim import effects
 
 ALL = frozenset(row.family for row in effects.table())
 

@@ -9,11 +9,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from diagnosis.crew import Crew
-from diagnosis.subject import Subject
-from diagnosis.which.bench import Bench
-from diagnosis.which.candidates import Arm
-from diagnosis.which.rows import Columns, Row
+from starling.diagnosis.scenes.scene_model import Subject
+from starling.diagnosis.which.candidates import Arm
+from starling.diagnosis.which.rows import Columns, Row
+from starling.diagnosis.which.table import Bench
+from starling.diagnosis.workers import Crew
 
 SCENES = cast(tuple[Subject, ...], (SimpleNamespace(name="attic"), SimpleNamespace(name="hall")))
 FLICKER, VEIL = {"flicker": 0.1}, {"veil": 0.04}  # One is drawn by lot, the other is not.

@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.which.candidates import LEFT_OUT, Arm, candidates, nodes, with_told
-from diagnosis.which.signature import Signature
-from sim import effects, sensors
-from sim.effects import setting
-from sim.effects.effect import Stage
-from sim.scenes import builtin
-from sim.sensor_edits import with_values
+from starling.diagnosis.which.candidates import LEFT_OUT, Arm, candidates, nodes, with_told
+from starling.diagnosis.which.response import Signature
+from starling.sim import effects
+from starling.sim.effects import setting as setting
+from starling.sim.effects.effect import Stage
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
 
-SENSOR = sensors.load("d435")
-SCENE = builtin.clutter(1)
+SENSOR = presets.load("d435")
+SCENE = scenes.clutter(1)
 ALL = [one for arm in (Arm.IMAGE, Arm.DEPTH) for one in candidates(SENSOR, SCENE, arm)]
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from diagnosis.complete import complete
+from starling.diagnosis.scenes.comparable import complete
 
 BOTH, PAIRS, DEPTH = (1, 1), (1, 0), (0, 1)
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis.crew import dealt
+from starling.diagnosis.workers import dealt
 
 
 @pytest.mark.parametrize(

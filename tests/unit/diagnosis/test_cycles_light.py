@@ -9,17 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis import cycles_job, cycles_light
-from diagnosis.light_sets import OTHER_M, nominal
-from diagnosis.withheld import light
-from diagnosis.withheld import nominal as nominal_file
-from diagnosis.withheld.errors import WithheldError
-from patterns.errors import InputError
-from sim import capture_info, capture_writer, frames, scene_file, sensors
-from sim.effects import setting
-from sim.scenes import builtin, known
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
+from starling.diagnosis.validation.adapters import cycles_job, cycles_light
+from starling.diagnosis.validation.adapters.light_sets import OTHER_M, nominal
+from starling.diagnosis.validation.camera import light
+from starling.diagnosis.validation.camera import nominal as nominal_file
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.patterns.errors import InputError
+from starling.sim.captures import info as capture_info
+from starling.sim.captures import writer
+from starling.sim.effects import setting as setting
+from starling.sim.geometry import frames
+from starling.sim.scene import scene_file
+from starling.sim.scene.builtin import scenes
+from starling.sim.scene.captured import known_geometry
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
 
 # Plays Blender: everything is the wall at 1 m. Stops at the second scene where `stop` lies by it.
 STAND_IN = """
@@ -44,7 +49,7 @@ for side in table["cameras"]:
 
 
 def sensor() -> Sensor:
-    ideal, _ = setting.ideal(sensors.load("d435"), builtin.wall(1.0))
+    ideal, _ = setting.ideal(presets.load("d435"), scenes.wall(1.0))
     size = [("width", 32), ("height", 32), ("fx_px", 16.0), ("fy_px", 16.0)]
     return with_values(ideal, [*size, ("cx_px", 15.5), ("cy_px", 15.0)])
 
@@ -53,12 +58,12 @@ def sensor() -> Sensor:
 def source(tmp_path: Path) -> Path:
     """A folder of light of two scenes, as `light_sets.write` leaves it but for the light."""
     folder, nominal_sensor = tmp_path / "light", sensor()
-    info = capture_writer.info_of(nominal_sensor, source="check", licence="none", notes="")
+    info = writer.info_of(nominal_sensor, source="check", licence="none", notes="")
     told = {**nominal(nominal_sensor), "ambient_w_m2": 0.1, "ambient_gradient": 0.5}
     for name in ("wall-1", "wall-2"):
         (folder / name).mkdir(parents=True)
         word = name.replace("-", ":")
-        seen = known.describe(word, frames.pose((0.1, 0.0, 0.0)), folder / name)
+        seen = known_geometry.describe(word, frames.pose((0.1, 0.0, 0.0)), folder / name)
         assert seen is not None
         (folder / name / "scene.toml").write_text(scene_file.dumps(seen))
         (folder / name / "room").write_text(name + "\n")
@@ -190,7 +195,7 @@ def test_scenes_that_cannot_be_told_are_refused(source: Path, tmp_path: Path):
         cycles_job.job(source / "wall-1", camera)
     xml = tmp_path / "ball.xml"
     xml.write_text('<scene version="3.0.0"><shape type="sphere"/></scene>')
-    seen = known.describe(str(xml), np.eye(4), source / "wall-2")
+    seen = known_geometry.describe(str(xml), np.eye(4), source / "wall-2")
     assert seen is not None
     (source / "wall-2" / "scene.toml").write_text(scene_file.dumps(seen))
     with pytest.raises(InputError, match="scene must be bodies of one material each; got 1 shapes"):

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from diagnosis import detection
-from diagnosis.which.candidates import Arm
+from starling.diagnosis.validation.adapters import detection
+from starling.diagnosis.which.candidates import Arm
 from tests.unit.diagnosis.made_gaps import BASE, MADE, FakeBench, noise, screen
 
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from diagnosis.withheld.errors import WithheldError
+from starling.diagnosis.validation.camera.errors import WithheldError
 
-PATH = Path(__file__).parents[3] / "benchmarks" / "detection_limits.py"
+PATH = Path(__file__).parents[3] / "benchmarks" / "diagnosis" / "detection_limits.py"
 FOUND = {"veil": {"base": 0.0, "below": None, "above": 0.1}}
 
 

@@ -6,18 +6,18 @@ import cv2
 import numpy as np
 import pytest
 
-from diagnosis.features import (
+from starling.diagnosis.features import (
     disparity,
     levels,
+    observation,
     repeats,
     residual,
     shifts,
     surface,
     texture,
 )
-from diagnosis.features import reading as of_reading
-from diagnosis.ground import FAR_OFF_PX
-from diagnosis.reading import Reading
+from starling.diagnosis.scenes.observation import Reading
+from starling.diagnosis.scenes.strata import FAR_OFF_PX
 from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, HEIGHT, WIDTH
 
 
@@ -150,12 +150,12 @@ def test_a_reading_tells_of_both_images_and_of_depth_less_ours():
     noise = np.random.default_rng(0).normal(0, 0.1, (1, HEIGHT, WIDTH))
     ours = (DISPARITY + noise).astype(np.float32)
     taken = Reading(left=left, right=right, ours_px=ours, device_px=ours + np.float32(0.2))
-    found = of_reading.of_image(taken, GROUND, ceiling=255.0)
+    found = observation.of_image(taken, GROUND, ceiling=255.0)
     for name, level in (
         ("level.percentile 50", 40),
         ("right level.percentile 50", 80),
         ("right level.x.left.dots.between", 80),
     ):
         assert np.exp(found[name]) - 1 == pytest.approx(level, abs=0.6)
-    depth = of_reading.of_depth(taken, GROUND, captured_px=DISPARITY)
+    depth = observation.of_depth(taken, GROUND, captured_px=DISPARITY)
     assert depth["against.bias.all"] == pytest.approx(0.2, abs=1e-4)

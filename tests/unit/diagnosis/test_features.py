@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis import reading
-from diagnosis.features import (
+from starling.diagnosis.features import (
     disparity,
     levels,
     rematched,
@@ -19,10 +18,11 @@ from diagnosis.features import (
     surface,
     texture,
 )
-from diagnosis.ground import Ground, ground
-from patterns.errors import InputError
-from sim import sensors
-from sim.capture_info import CaptureInfo
+from starling.diagnosis.scenes import observation
+from starling.diagnosis.scenes.strata import Ground, ground
+from starling.patterns.errors import InputError
+from starling.sim.captures.info import CaptureInfo
+from starling.sim.sensor import presets
 
 WIDTH, HEIGHT = 240, 160
 INFO = CaptureInfo(
@@ -194,10 +194,10 @@ def test_repeats_tell_noise_in_time_and_what_is_carried_on():
 
 def test_depth_in_whole_units_keeps_holes_and_moves_little():
     """At 10 px of disparity and f b of 10 px m a millimetre is a hundredth of a pixel."""
-    sensor = sensors.load("d435")
+    sensor = presets.load("d435")
     scale = sensor.fx_px * sensor.baseline_m
     maps = np.array([[[np.nan, 10.0, scale / 1.0004, 1e6]]], np.float32)
-    found = reading.written(maps, sensor)
+    found = observation.written(maps, sensor)
     assert np.isnan(found[0, 0, 0]) and np.isnan(found[0, 0, 3])  # Nearer than any unit.
     assert found[0, 0, 2] == pytest.approx(scale / 1.0)
     step = 10.0**2 * sensor.post.depth_unit_m / scale

@@ -10,15 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis.which import arm, null, search, strengths
-from diagnosis.which.candidates import Arm, Candidate
-from diagnosis.which.fit import fit, folds, places
-from diagnosis.which.likelihood import Likelihood, total, weights
-from diagnosis.which.made import Made
-from diagnosis.which.model import Model, simulated
-from diagnosis.which.null import Base
-from diagnosis.which.signature import Signature
-from sim import effects
+from starling.diagnosis.which import null, search, strengths
+from starling.diagnosis.which import segment as arm
+from starling.diagnosis.which.candidates import Arm, Candidate
+from starling.diagnosis.which.fit import fit, folds, places
+from starling.diagnosis.which.likelihood import Likelihood, total, weights
+from starling.diagnosis.which.model import Model, simulated
+from starling.diagnosis.which.null import Base
+from starling.diagnosis.which.predicted import Made
+from starling.diagnosis.which.response import Signature
+from starling.sim import effects
 from tests.unit.diagnosis.made_gaps import (
     BASE,
     FEATURES,

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.ground import Ground
-from diagnosis.reading import Reading
-from diagnosis.where import frames, maps
-from diagnosis.where.frames import Stays
+from starling.diagnosis.scenes.observation import Reading
+from starling.diagnosis.scenes.strata import Ground
+from starling.diagnosis.where import frames, maps
+from starling.diagnosis.where.frames import Stays
 from tests.unit.diagnosis.test_features import DISPARITY, GROUND
 
 HEIGHT, WIDTH = DISPARITY.shape

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from diagnosis.howfar.closed import closed
-from diagnosis.howfar.distances import distances
-from diagnosis.howfar.holes import figures
-from diagnosis.reading import Reading
+from starling.diagnosis.howfar.distances import distances
+from starling.diagnosis.howfar.holes import figures
+from starling.diagnosis.howfar.reduction import closed
+from starling.diagnosis.scenes.observation import Reading
 from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND, made
 
 ROOMS = ("hall", "attic", "porch")

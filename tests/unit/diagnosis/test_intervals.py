@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from diagnosis.which.fit import Fit, held_out
-from diagnosis.which.signature import Signature
+from starling.diagnosis.which.fit import Fit, held_out
+from starling.diagnosis.which.response import Signature
 from tests.unit.diagnosis.made_gaps import FEATURES, ROOMS, SCENES, candidate
 
 PLACES = np.linspace(0.0, 1.0, 1001)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.howfar import judged as module
-from diagnosis.which.candidates import Arm
-from diagnosis.which.likelihood import Likelihood
+from starling.diagnosis.howfar import evaluation
+from starling.diagnosis.which.candidates import Arm
+from starling.diagnosis.which.likelihood import Likelihood
 from tests.unit.diagnosis.made_gaps import BASE, ONES, ROOMS, FakeBench, likelihood_of, noise
 
 THREE = {"lens_blur": 0.3, "crosstalk": 0.4, "read_noise": 0.2}
@@ -27,7 +27,7 @@ def test_a_share_is_the_mean_of_what_an_effect_closes_after_those_before_it():
     likelihood = likelihood_of(THREE, 7, bench=bench)
 
     def closed(names: tuple[str, ...]) -> float:
-        made = module._made(bench, {name: THREE[name] for name in names})
+        made = evaluation._made(bench, {name: THREE[name] for name in names})
         return likelihood.size(likelihood.nothing) - likelihood.size(made)
 
     orders = list(itertools.permutations(THREE))
@@ -36,7 +36,7 @@ def test_a_share_is_the_mean_of_what_an_effect_closes_after_those_before_it():
         for number, name in enumerate(order):
             before = closed(order[:number]) if number else 0.0
             gained[name] += (closed(order[: number + 1]) - before) / len(orders)
-    found = module._shares(of(THREE), bench, likelihood)
+    found = evaluation._shares(of(THREE), bench, likelihood)
     total = closed(tuple(THREE))
     assert found == pytest.approx({name: gain / total for name, gain in gained.items()})
     assert sum(found.values()) == pytest.approx(1.0)
@@ -47,7 +47,7 @@ def test_a_share_is_the_mean_of_what_an_effect_closes_after_those_before_it():
 def test_what_closes_nothing_has_no_shares():
     likelihood = likelihood_of({}, 7)
     bench: Any = FakeBench()
-    assert module._shares(of({"veil": 1.0}), bench, likelihood) == {}
+    assert evaluation._shares(of({"veil": 1.0}), bench, likelihood) == {}
 
 
 def test_effects_that_can_only_be_set_together_have_no_shares():
@@ -55,7 +55,7 @@ def test_effects_that_can_only_be_set_together_have_no_shares():
     likelihood = likelihood_of(THREE, 7, bench=bench)
     change = bench.change
     bench.change = lambda settings: None if [*settings] == ["crosstalk"] else change(settings)
-    assert module._shares(of(THREE), bench, likelihood) == {}
+    assert evaluation._shares(of(THREE), bench, likelihood) == {}
 
 
 def test_before_after_and_floor_are_of_real_readings_and_of_one_that_stands_for_them(
@@ -67,13 +67,13 @@ def test_before_after_and_floor_are_of_real_readings_and_of_one_that_stands_for_
     change = bench.change(settings)
     real = BASE.likelihood(change + 4 * noise(7), ONES)
     other = BASE.likelihood(change + 2 * noise(8), ONES)
-    monkeypatch.setattr(module, "_likelihoods", lambda *_: (bench, real, other))
+    monkeypatch.setattr(evaluation, "_likelihoods", lambda *_: (bench, real, other))
     locked: Any = [SimpleNamespace(against=object(), room=room) for room in ROOMS]
-    found = module.judged(locked, settings, [of(settings)])
+    found = evaluation.judged(locked, settings, [of(settings)])
     figure = found.figures["features of the image"]
 
     def mean(likelihood: Likelihood, made: dict[str, float]) -> float:
-        return float(np.mean(likelihood.sizes(module._made(bench, made))))
+        return float(np.mean(likelihood.sizes(evaluation._made(bench, made))))
 
     before, after, floor = mean(real, {}), mean(real, settings), mean(other, settings)
     assert (figure.before, figure.after, figure.floor) == pytest.approx((before, after, floor))

@@ -9,8 +9,15 @@ import cv2
 import numpy as np
 import pytest
 
-from diagnosis import within_codes
-from diagnosis.laid_on import Changed, Exposed, Known, known, laid_on, pairs_laid_on
+from starling.diagnosis.transfer import dequantise
+from starling.diagnosis.transfer.transfer import (
+    Changed,
+    Exposed,
+    Known,
+    known,
+    laid_on,
+    pairs_laid_on,
+)
 
 SHAPE = (240, 640)
 Do = Callable[[np.ndarray, np.random.Generator | None], np.ndarray]
@@ -83,13 +90,13 @@ def simulated(do: Do) -> Simulated:
 
 
 def laid(captured: np.ndarray, of: Simulated) -> np.ndarray:
-    known = Known(within_codes.levels(captured), of.without, of.still)
+    known = Known(dequantise.levels(captured), of.without, of.still)
     return laid_on(known, of.changed, ceiling=255)
 
 
 def anew(captured: np.ndarray) -> np.ndarray:
     """What effects are laid onto: levels of the captured image, rounded."""
-    return np.rint(within_codes.levels(captured))
+    return np.rint(dequantise.levels(captured))
 
 
 def sharpness(image: np.ndarray) -> float:
@@ -177,7 +184,7 @@ def test_a_tone_curve_gives_both_imagers_nothing_in_common():
         left, right = (gain * (6.3 + noise)).astype(np.float32)
         return left, right
 
-    left, right = (within_codes.levels(np.rint(one).astype(np.uint8)) for one in even(5, 1.0))
+    left, right = (dequantise.levels(np.rint(one).astype(np.uint8)) for one in even(5, 1.0))
     of = known((left[None], right[None]), Exposed([even(7, 1.0)], even(None, 1.0)))
     laid = pairs_laid_on(of, Exposed([even(7, 2.0)], even(None, 2.0)), ceiling=255)
     fine = (one[0] - cv2.GaussianBlur(one[0], (0, 0), 2) for one in laid)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.ground import COVARIATES
-from diagnosis.report import sentences
-from diagnosis.which.left import alike, by_group, leads
-from diagnosis.which.likelihood import Likelihood, by_scene
+from starling.diagnosis.report import sentences
+from starling.diagnosis.scenes.strata import COVARIATES
+from starling.diagnosis.which.likelihood import Likelihood, by_scene
+from starling.diagnosis.which.residuals import alike, by_group, leads
 from tests.unit.diagnosis.made_diagnosis import NAMED, found
 from tests.unit.diagnosis.test_features import GROUND
 

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis.which.likelihood import FREEDOM, LARGEST, TAU, Likelihood
-from diagnosis.which.made import Made
+from starling.diagnosis.which.likelihood import FREEDOM, LARGEST, TAU, Likelihood
+from starling.diagnosis.which.predicted import Made
 
 _ROWS = (1, 5)
 _BEYOND = float(np.sqrt(LARGEST))

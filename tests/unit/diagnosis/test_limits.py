@@ -8,17 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis import diagnosis as module
-from diagnosis import estimated, families
-from diagnosis.limits import limits_of
-from diagnosis.nuisances import SCALE, SHIFT, TURN, Nuisance
-from diagnosis.which.candidates import Arm
-from sim import sensors
-from sim.imager.exposure import Exposure
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
+from starling.diagnosis import diagnosis as module
+from starling.diagnosis.scenes import estimated
+from starling.diagnosis.scenes.fit_scene import SCALE, SHIFT, TURN, Nuisance
+from starling.diagnosis.scenes.limits import limits_of
+from starling.diagnosis.validation.adapters import families
+from starling.diagnosis.which.candidates import Arm
+from starling.sim.imaging.imager.exposure import Exposure
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
 
-SENSOR = sensors.load("d435")
+SENSOR = presets.load("d435")
 
 
 def scene(name: str = "a", *, room: str = "", sensor: Sensor = SENSOR, **real: Any) -> Any:
@@ -50,8 +51,8 @@ def told(*scenes: Any, device: str = SENSOR.name, locked: bool = True, **others:
 
 
 def test_the_package_offers_its_function_and_nothing_else():
-    import diagnosis
-    from diagnosis.diagnosis import diagnose
+    from starling import diagnosis
+    from starling.diagnosis.diagnosis import diagnose
 
     assert diagnosis.diagnose is diagnose
     with pytest.raises(AttributeError, match="has no attribute 'diagnosed'"):

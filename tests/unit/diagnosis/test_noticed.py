@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.which.noticed import Noticed, enough, least, noticed
-from diagnosis.which.signature import Signature
+from starling.diagnosis.which.response import Signature
+from starling.diagnosis.which.sensitivity import Noticed, enough, least, noticed
 from tests.unit.diagnosis import made_gaps as made
 from tests.unit.diagnosis.made_gaps import screen
 

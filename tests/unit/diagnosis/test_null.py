@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.which import null
-from diagnosis.which.null import Base
+from starling.diagnosis.which import null
+from starling.diagnosis.which.null import Base
 from tests.unit.diagnosis.made_gaps import BASE, HELD, MADE, ONES, SEEDS, SIGNATURES
 
 ODD = 3  # A seed whose reading happens to look like an effect.

@@ -16,16 +16,17 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from diagnosis import pose
-from sim import png, sensors
-from sim.capture_info import CaptureInfo
-from sim.capture_writer import info_of
-from sim.depth import to_code
-from sim.scene import ModelError
-from sim.sensor_edits import with_values
+from starling.diagnosis.scenes import pose
+from starling.sim.captures import png
+from starling.sim.captures.info import CaptureInfo
+from starling.sim.captures.writer import info_of
+from starling.sim.scene.scene import ModelError
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.stereo.depth import to_code
 
 SENSOR = with_values(
-    sensors.load("d415"),
+    presets.load("d415"),
     [("width", 480), ("height", 270), ("cx_px", 239.5), ("cy_px", 134.5), ("fx_px", 600.0)],
 )
 SENSOR = with_values(SENSOR, [("fy_px", 600.0)])

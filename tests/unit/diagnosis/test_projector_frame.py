@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from diagnosis import projector_frame
-from sim import sensors
-from sim.sensor_edits import with_values
+from starling.diagnosis.scenes import projector_frame
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
 
 SENSOR = with_values(
-    sensors.load("d435"),
+    presets.load("d435"),
     [("width", 64), ("height", 48), ("cx_px", 31.5), ("cy_px", 23.5), ("fx_px", 64.0)],
 )
 OFF_PX = 8  # Disparity of the wall.

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis import reading
-from patterns.errors import InputError
-from sim import sensors
-from sim.capture import Frame
-from sim.imager import smoothing
-from sim.sensor_edits import with_values
+from starling.diagnosis.scenes import observation
+from starling.patterns.errors import InputError
+from starling.sim.captures.capture import Frame
+from starling.sim.imaging.imager import smoothing
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
 
 SHAPE = (96, 160)
 SENSOR = with_values(
-    sensors.load("d435"),
+    presets.load("d435"),
     [
         *(("width", SHAPE[1]), ("height", SHAPE[0]), ("cx_px", 79.5), ("cy_px", 47.5)),
         ("matcher.search_px", 32),
@@ -48,9 +48,9 @@ class FakeScene:
         return 1 / depth_m
 
 
-def read(*frames: Frame, sensor: Any = SENSOR) -> reading.Reading:
+def read(*frames: Frame, sensor: Any = SENSOR) -> observation.Reading:
     scene: Any = FakeScene(*frames)
-    return reading.read(scene, sensor)
+    return observation.read(scene, sensor)
 
 
 def test_a_pair_stands_beside_the_depth_of_its_own_repeat():
@@ -101,9 +101,9 @@ def test_without_projector_the_pairs_that_were_captured_so_are_taken():
 def added(level: int, sensor: Any) -> list[np.ndarray]:
     """What one more exposure adds to even images, left and right: the difference of two."""
     flat = np.full((1, 400, 400), level, np.uint8)
-    still = reading.Reading(left=flat, right=flat, ours_px=None, device_px=None)
+    still = observation.Reading(left=flat, right=flat, ours_px=None, device_px=None)
     one, other = (
-        reading.exposed_again(still, sensor, np.random.default_rng(seed)) for seed in (3, 4)
+        observation.exposed_again(still, sensor, np.random.default_rng(seed)) for seed in (3, 4)
     )
     pairs = ((one.left, other.left), (one.right, other.right))
     found = []
@@ -135,8 +135,8 @@ def test_noise_weaker_than_half_a_code_turns_as_many_codes_as_it_would():
         [("imager.shot_noise", 0.0), ("imager.read_noise_e", 0.1 / SENSOR.left.dn_per_electron)],
     )
     flat = np.full((1, 400, 400), 80, np.uint8)
-    still = reading.Reading(left=flat, right=flat, ours_px=None, device_px=None)
-    found = reading.exposed_again(still, quiet, np.random.default_rng(3)).left
+    still = observation.Reading(left=flat, right=flat, ours_px=None, device_px=None)
+    found = observation.exposed_again(still, quiet, np.random.default_rng(3)).left
     assert found is not None
     share = float(np.sqrt(2 / np.pi)) * 0.1
     assert (found != 80).mean() == pytest.approx(share, rel=0.25)

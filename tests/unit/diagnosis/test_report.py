@@ -15,16 +15,16 @@ import cv2
 import numpy as np
 import pytest
 
-from diagnosis import diagnose_captures
-from diagnosis.reading import Reading
-from diagnosis.report import figures, sentences
-from diagnosis.report.page import page
-from diagnosis.report.shown import shown
-from diagnosis.tell_apart import Told
-from diagnosis.where import maps, rules, swap
-from diagnosis.which.candidates import Arm
-from diagnosis.which.noticed import Noticed
-from sim import record
+from starling.diagnosis import command
+from starling.diagnosis.report import figures, sentences
+from starling.diagnosis.report.page import page
+from starling.diagnosis.report.scene_images import shown
+from starling.diagnosis.scenes.observation import Reading
+from starling.diagnosis.where import maps, rules, swap
+from starling.diagnosis.which.candidates import Arm
+from starling.diagnosis.which.discrimination import Told
+from starling.diagnosis.which.sensitivity import Noticed
+from starling.sim.console import record
 from tests.unit.diagnosis.made_diagnosis import (
     FULL,
     HOWFAR,
@@ -352,15 +352,15 @@ def test_report_json_holds_what_the_page_shows():
 def test_the_printed_text_ends_with_the_report_s_place():
     told = {"says": ["a.", "b."], "report": "out/report.html", "fixed": None, "not_in_sensor": []}
     said = ["a.", "b.", "Report: out/report.html"]
-    assert diagnose_captures.as_text(told).splitlines() == said
+    assert command.as_text(told).splitlines() == said
     veil = {"name": "veil", "stand_in": False}
     told |= {"fixed": "out/sensor.toml", "effects": [veil]}
     written = "Sensor: out/sensor.toml"
-    assert diagnose_captures.as_text(told).splitlines() == [*said, written]
+    assert command.as_text(told).splitlines() == [*said, written]
     told["effects"] = [veil, {**veil, "stand_in": True}]
-    assert diagnose_captures.as_text(told).endswith(f"{written}, with stand-ins in it")
+    assert command.as_text(told).endswith(f"{written}, with stand-ins in it")
     told["not_in_sensor"] = ["ambient", "motion"]
-    assert "Of the scene, not of a sensor: ambient, motion" in diagnose_captures.as_text(told)
+    assert "Of the scene, not of a sensor: ambient, motion" in command.as_text(told)
 
 
 class FakeSubject:

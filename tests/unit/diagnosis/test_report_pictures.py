@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from diagnosis.report import elements, pictures
-from diagnosis.report.elements import Bar
-from diagnosis.where import maps
-from diagnosis.where.maps import Map
+from starling.diagnosis.report import elements, pictures
+from starling.diagnosis.report.elements import Bar
+from starling.diagnosis.where import maps
+from starling.diagnosis.where.maps import Map
 from tests.unit.diagnosis.test_features import DISPARITY, GROUND
 
 NAN = float("nan")

@@ -6,10 +6,10 @@ import dataclasses
 import json
 from typing import Any
 
-from diagnosis.howfar.residual import Absorption, Residual
-from diagnosis.report import figures
-from diagnosis.report.page import page
-from sim import record
+from starling.diagnosis.howfar.residual import Absorption, Residual
+from starling.diagnosis.report import figures
+from starling.diagnosis.report.page import page
+from starling.sim.console import record
 from tests.unit.diagnosis import made_diagnosis as made
 from tests.unit.diagnosis.read_page import Reader
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.howfar import holes, residual
-from diagnosis.howfar.judged import DRAWS, OTHER
-from diagnosis.reading import Reading
-from learning.example import Example, Image, Physics
-from learning.physics_probability import physics_probability
-from patterns.errors import InputError
+from starling.diagnosis.howfar import holes, residual
+from starling.diagnosis.howfar.evaluation import DRAWS, OTHER
+from starling.diagnosis.scenes.observation import Reading
+from starling.learning.data.example import Example, Image, Physics
+from starling.learning.data.physics_probability import physics_probability
+from starling.patterns.errors import InputError
 from tests.unit.diagnosis.test_features import DISPARITY, GROUND
 
 HOLES = np.zeros(DISPARITY.shape, bool)

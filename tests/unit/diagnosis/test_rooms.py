@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis import named, rooms
+from starling.diagnosis.scenes import rooms
+from starling.diagnosis.which import attribution
 
 ROOMS = ["hall", "attic", "hall", "porch"]
 
@@ -48,7 +49,7 @@ def test_of_two_rooms_there_is_no_interval():
 def test_three_of_eight_rooms_are_locked_and_none_of_three():
     def split(count: int) -> tuple[int, int]:
         subjects: Any = [SimpleNamespace(room=str(number)) for number in range(count)]
-        asked, locked = named.parted(subjects)
+        asked, locked = attribution.parted(subjects)
         assert not {one.room for one in asked} & {one.room for one in locked}
         return len(asked), len(locked)
 

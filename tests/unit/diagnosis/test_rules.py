@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.where import rules
+from starling.diagnosis.where import rules
 from tests.unit.diagnosis.test_features import DISPARITY, GROUND
 
 LEFT = GROUND.covariates["x"].where("left")

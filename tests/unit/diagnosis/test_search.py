@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.which import search
-from diagnosis.which.fit import fit
-from diagnosis.which.made import Made
-from diagnosis.which.model import Model, simulated
-from diagnosis.which.signature import Signature
-from sim import effects
+from starling.diagnosis.which import search
+from starling.diagnosis.which.fit import fit
+from starling.diagnosis.which.model import Model, simulated
+from starling.diagnosis.which.predicted import Made
+from starling.diagnosis.which.response import Signature
+from starling.sim import effects
 from tests.unit.diagnosis.made_gaps import (
     BASE,
     FEATURES,

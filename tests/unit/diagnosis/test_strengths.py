@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.which import strengths
-from diagnosis.which.bench import Bench
-from diagnosis.which.candidates import Arm, Candidate, with_told
-from diagnosis.which.fit import fit
-from diagnosis.which.likelihood import total
-from diagnosis.which.made import Made, stacked
-from diagnosis.which.null import LEAST_GAIN
-from diagnosis.which.rows import Columns
-from diagnosis.which.signature import Signature
-from diagnosis.which.signature import signature as simulated_signature
-from diagnosis.which.trial import Trial
-from sim import effects
-from sim.effects.effect import Value
+from starling.diagnosis.which import strengths
+from starling.diagnosis.which.candidates import Arm, Candidate, with_told
+from starling.diagnosis.which.fit import fit
+from starling.diagnosis.which.likelihood import total
+from starling.diagnosis.which.null import LEAST_GAIN
+from starling.diagnosis.which.predicted import Made, stacked
+from starling.diagnosis.which.response import Signature
+from starling.diagnosis.which.response import signature as simulated_signature
+from starling.diagnosis.which.rows import Columns
+from starling.diagnosis.which.table import Bench
+from starling.diagnosis.which.trial import Trial
+from starling.sim import effects
+from starling.sim.effects.effect import Value
 from tests.unit.diagnosis.made_gaps import (
     BASE,
     FEATURES,

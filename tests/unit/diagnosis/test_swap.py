@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.where import swap
+from starling.diagnosis.where import swap
 from tests.unit.diagnosis.test_features import DISPARITY, GROUND, made
 from tests.unit.diagnosis.test_where import ROOMS, SCENES, readings
 

@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis import named, terraces
-from diagnosis.which import arm
-from diagnosis.which.candidates import Arm
-from sim import capture, sensors
-from sim.scenes import builtin
+from starling.diagnosis.transfer import quantisation_step
+from starling.diagnosis.which import attribution, segment
+from starling.diagnosis.which.candidates import Arm
+from starling.sim.captures import capture
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor import presets
 
 _FB = 25.0  # Focal length times baseline [px m].
 
@@ -36,30 +37,30 @@ def maps(step_px: float, unit_m: float = 0.001, *, count: int = 3) -> list[np.nd
 @given(st.floats(1 / 16, 0.48))
 def test_a_step_is_told_to_a_thousandth(step_px):
     """Not its half or third, whose waves are as high."""
-    assert terraces.step_px(maps(step_px)) == pytest.approx(step_px, rel=1e-3)
+    assert quantisation_step.step_px(maps(step_px)) == pytest.approx(step_px, rel=1e-3)
 
 
 def test_fine_steps_are_told_in_fine_units():
-    assert terraces.step_px(maps(1 / 32, 0.0001)) == pytest.approx(1 / 32, rel=1e-3)
+    assert quantisation_step.step_px(maps(1 / 32, 0.0001)) == pytest.approx(1 / 32, rel=1e-3)
 
 
 def test_without_terraces_or_depth_there_is_no_step():
-    assert terraces.step_px(maps(0.0)) is None
-    assert terraces.step_px([]) is None
-    assert terraces.step_px([np.full((4, 4), np.nan)]) is None
+    assert quantisation_step.step_px(maps(0.0)) is None
+    assert quantisation_step.step_px([]) is None
+    assert quantisation_step.step_px([np.full((4, 4), np.nan)]) is None
 
 
 def test_what_is_right_before_the_camera_has_no_say():
     """A pixel of one millimetre stands at a disparity of 25,000 px."""
     found = maps(0.25)
     found[0][0, 0] = _FB / 0.001
-    assert terraces.step_px(found) == pytest.approx(0.25, rel=1e-3)
-    assert terraces.step_px([np.full((4, 4), _FB / 0.001)]) is None
+    assert quantisation_step.step_px(found) == pytest.approx(0.25, rel=1e-3)
+    assert quantisation_step.step_px([np.full((4, 4), _FB / 0.001)]) is None
 
 
 def test_a_scene_without_depth_takes_nothing_from_the_others():
     empty = np.full((120, 160), np.nan)
-    assert terraces.step_px([*maps(0.25), empty]) == terraces.step_px(maps(0.25))
+    assert quantisation_step.step_px([*maps(0.25), empty]) == quantisation_step.step_px(maps(0.25))
 
 
 def test_a_real_d415_counts_in_thirty_seconds_of_a_pixel(captures):
@@ -69,7 +70,7 @@ def test_a_real_d415_counts_in_thirty_seconds_of_a_pixel(captures):
         depth_m = scene.frame(scene.frames[0]).depth_m
         assert depth_m is not None
         found.append(scene.info.disparity_px(depth_m))
-    assert terraces.step_px(found) == pytest.approx(1 / 32, rel=1e-4)
+    assert quantisation_step.step_px(found) == pytest.approx(1 / 32, rel=1e-4)
 
 
 @pytest.mark.parametrize("step_px, told", [(0.2371, True), (0.0, False)])
@@ -77,16 +78,17 @@ def test_the_step_that_is_told_is_tried(step_px, told):
     """Of the device's depth; images and their depth by our matcher tell nothing of it."""
     real = SimpleNamespace(device_px=np.stack(maps(step_px)))
     one: Any = SimpleNamespace(
-        sensor=sensors.load("d435"), scene=builtin.clutter(1), nuisances={}, against=None, real=real
+        sensor=presets.load("d435"), scene=scenes.clutter(1), nuisances={}, against=None, real=real
     )
     without: Any = SimpleNamespace(**{**vars(one), "real": SimpleNamespace(device_px=None)})
     bench: Any = SimpleNamespace(arm=Arm.DEPTH, subjects=[one, without])
-    listed = named.tried(Arm.DEPTH, bench.subjects)
-    tried = {each.name: each for each in arm.told(listed, bench)}
+    listed = attribution.tried(Arm.DEPTH, bench.subjects)
+    tried = {each.name: each for each in segment.told(listed, bench)}
     found = tried["subpixel_steps"].told
     assert found == (pytest.approx(step_px, rel=1e-3) if told else None)
     assert [each.name for each in tried.values() if each.told] == ["subpixel_steps"] * told
     images: Any = SimpleNamespace(arm=Arm.IMAGE, subjects=[one])
     assert all(
-        each.told is None for each in arm.told(named.tried(Arm.IMAGE, images.subjects), images)
+        each.told is None
+        for each in segment.told(attribution.tried(Arm.IMAGE, images.subjects), images)
     )

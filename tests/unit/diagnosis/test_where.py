@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.reading import Reading
-from diagnosis.where import maps as maps_of
-from diagnosis.where import rules, swap, table
-from diagnosis.where.materials import materials
-from diagnosis.where.where import where
-from sim.scene import Material
-from sim.scenes import builtin
+from starling.diagnosis.scenes.observation import Reading
+from starling.diagnosis.where import covariates, rules, swap
+from starling.diagnosis.where import maps as maps_of
+from starling.diagnosis.where.location import where
+from starling.diagnosis.where.materials import materials
+from starling.sim.scene.builtin import scenes
+from starling.sim.scene.scene import Material
 from tests.unit.diagnosis.test_features import DISPARITY, EXPECTED, GROUND
 
 SCENES = 6
@@ -54,7 +54,7 @@ def test_more_holes_in_one_bin_are_found_there():
     near = GROUND.covariates["x"].where("left")
     first = [holes(scene) for scene in range(SCENES)]
     second = [holes(50 + scene, near) for scene in range(SCENES)]
-    rows = table.table(first, second, [GROUND] * SCENES, ROOMS)
+    rows = covariates.table(first, second, [GROUND] * SCENES, ROOMS)
     row = next(row for row in rows if (row.covariate, row.bin) == ("x", "left"))
     assert row.gap == pytest.approx(0.1, abs=0.01) and row.low < 0.1 < row.high
     assert row.share == pytest.approx(1, abs=0.15) and row.p < 0.06
@@ -70,13 +70,13 @@ def test_a_material_is_one_more_covariate():
     second = [holes(50 + scene, of_cloth if scene else None) for scene in range(SCENES)]
     parts = [{"cloth": of_cloth, "wood": of_wood}] * SCENES
     parts[0] = {"wood": GROUND.counted}
-    rows = table.table(first, second, [GROUND] * SCENES, ROOMS, parts)
+    rows = covariates.table(first, second, [GROUND] * SCENES, ROOMS, parts)
     found = {row.bin: row for row in rows if row.covariate == "material"}
     assert found["cloth"].gap == pytest.approx(0.1, abs=0.01)
     assert abs(found["wood"].gap) < 0.01 and set(found) == {"cloth", "wood"}
     assert all(
         row.covariate != "material"
-        for row in table.table(first, second, [GROUND] * SCENES, ROOMS, [{}] * SCENES)
+        for row in covariates.table(first, second, [GROUND] * SCENES, ROOMS, [{}] * SCENES)
     )
 
 
@@ -102,9 +102,9 @@ def test_gaps_that_cancel_have_no_shares():
     left, right = (GROUND.covariates["x"].where(word) for word in ("left", "right"))
     first = [holes(scene, right) for scene in range(SCENES)]
     second = [holes(50 + scene, left) for scene in range(SCENES)]
-    rows = table.table(first, second, [GROUND] * SCENES, ROOMS)
+    rows = covariates.table(first, second, [GROUND] * SCENES, ROOMS)
     assert all(np.isnan(row.share) for row in rows)
-    assert np.isnan(table.share(0.05, 0.1, 1.0)) and table.share(0.06, 0.12, 1.0) == 0.5
+    assert np.isnan(covariates.share(0.05, 0.1, 1.0)) and covariates.share(0.06, 0.12, 1.0) == 0.5
     told = rules.rules(first, second, [GROUND] * SCENES, ROOMS)
     assert len(told) >= 2 and all(np.isnan(rule.share) for rule in told)
 
@@ -116,7 +116,7 @@ def test_rows_of_no_gap_are_rarely_named():
     for number in range(20):
         first = [holes(1000 * number + scene) for scene in range(8)]
         second = [holes(1000 * number + 500 + scene) for scene in range(8)]
-        rows = table.table(first, second, [GROUND] * 8, [str(scene) for scene in range(8)])
+        rows = covariates.table(first, second, [GROUND] * 8, [str(scene) for scene in range(8)])
         named += rows[0].p < 0.05
     assert named <= 4
 
@@ -151,7 +151,7 @@ def test_maps_show_a_gap_in_the_frame_that_it_stands_in():
     assert np.nanmean(np.abs(found["error", maps_of.CAMERA].mean)) < 0.05
 
 
-SCENE = builtin.wall(1.0)
+SCENE = scenes.wall(1.0)
 BODY = SCENE.bodies[0]  # The second that the ground has is none of the scene's.
 
 
@@ -250,7 +250,7 @@ def test_scenes_of_one_room_are_one_piece_of_evidence():
     ]
     assert found.image is not None and found.image[1:] == (None, None)
     first, second = ([holes(seed + scene) for scene in range(SCENES)] for seed in (0, 50))
-    row = table.table(first, second, [GROUND] * SCENES, rooms)[0]
+    row = covariates.table(first, second, [GROUND] * SCENES, rooms)[0]
     assert np.isnan(row.low) and np.isnan(row.high)
 
 
@@ -259,7 +259,7 @@ def test_what_is_seen_in_two_rooms_of_many_has_no_interval():
     everywhere = np.ones(DISPARITY.shape, bool)
     for many in (2, 3):
         seen = [{"felt": everywhere} if scene < many else {} for scene in range(SCENES)]
-        rows = table.table(first, second, [GROUND] * SCENES, ROOMS, seen)
+        rows = covariates.table(first, second, [GROUND] * SCENES, ROOMS, seen)
         (felt,) = (row for row in rows if row.bin == "felt")
         assert np.isnan(felt.low) == np.isnan(felt.high) == (many < 3)
 
@@ -319,7 +319,7 @@ def test_scenes_of_one_room_are_no_evidence_of_their_own():
     left = GROUND.covariates["x"].where("left")
     first = [holes(scene) for scene in range(SCENES)]
     second = [holes(50 + scene, left) for scene in range(SCENES)]
-    rows = table.table(first, second, [GROUND] * SCENES, ["hall"] * 3 + ["attic"] * 3)
+    rows = covariates.table(first, second, [GROUND] * SCENES, ["hall"] * 3 + ["attic"] * 3)
     row = next(row for row in rows if (row.covariate, row.bin) == ("x", "left"))
     assert row.gap > 0.09 and row.p > 0.4
 
@@ -328,7 +328,7 @@ def test_areas_and_shares_are_of_all_counted_pixels():
     left, right = (GROUND.covariates["x"].where(word) for word in ("left", "right"))
     chance = np.random.default_rng(0).random(DISPARITY.shape)
     first, second = right & (chance < 0.06), left & (chance < 0.1)
-    rows = table.table([first] * SCENES, [second] * SCENES, [GROUND] * SCENES, ROOMS)
+    rows = covariates.table([first] * SCENES, [second] * SCENES, [GROUND] * SCENES, ROOMS)
     found = {row.bin: row for row in rows if row.covariate == "x"}
     total = second.sum() - first.sum()
     for word, net in (("left", second.sum()), ("right", -first.sum()), ("centre", 0)):

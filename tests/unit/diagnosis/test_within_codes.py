@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diagnosis.within_codes import levels
+from starling.diagnosis.transfer.dequantise import levels
 
 SHAPE = (210, 330)
 

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from learning.example import Image, Mask
-from sim import capture_info, png, sensors
-from sim.depth import to_code
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
+from starling.learning.data.example import Image, Mask
+from starling.sim.captures import info, png
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import to_code
 from tests.unit.learning.step_scenes import INFO, SHAPE, step_scene
 
 ROOMS = ("attic", "cellar", "hall", "study")
@@ -24,7 +25,7 @@ UNKNOWN = slice(0, 4)  # Rows whose reference is not known.
 def write(folder: Path, *, rooms: tuple[str, ...] = ROOMS) -> Path:
     """Write the set; the first rows of each reference are unknown, as in a scan with gaps."""
     folder.mkdir(parents=True)
-    (folder / capture_info.FILE).write_text(capture_info.dumps(INFO_OF_SET))
+    (folder / info.FILE).write_text(info.dumps(INFO_OF_SET))
     for number, room in enumerate(rooms):
         truth_m, ndp, infrared = drawn(number)
         scene = folder / f"{room}-view"
@@ -58,5 +59,5 @@ def drawn(number: int) -> tuple[Image, Mask, np.ndarray]:
 
 def sensor() -> Sensor:
     """The preset of the set's device, with the set's geometry and an even, bright pattern."""
-    camera = INFO_OF_SET.geometry_into(sensors.load("d435"))
+    camera = INFO_OF_SET.geometry_into(presets.load("d435"))
     return with_values(camera, [("projector.power_w", 1.0)])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.capture_info import CaptureInfo
-from sim.frames import rotation
+from starling.sim.captures.info import CaptureInfo
+from starling.sim.geometry.frames import rotation
 
 INFO = CaptureInfo(
     sensor="d415", width=480, height=360, fx_px=450, fy_px=450, cx_px=240, cy_px=180,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from learning.example import Example
-from sim.capture_info import CaptureInfo
+from starling.learning.data.example import Example
+from starling.sim.captures.info import CaptureInfo
 
 WIDTH, HEIGHT = 120, 60
 FOCAL_PX, BASELINE_M = 100.0, 0.05

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from learning.example import Example, Image, Physics
-from sim.capture_info import CaptureInfo
-from sim.reason import Reason
+from starling.learning.data.example import Example, Image, Physics
+from starling.sim.captures.info import CaptureInfo
+from starling.sim.reason import Reason
 
 SHAPE = (48, 64)
 INFO = CaptureInfo(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from learning.figures.bootstrap import paired_difference, paired_share
-from patterns.errors import InputError
+from starling.learning.evaluation.figures.bootstrap import paired_difference, paired_share
+from starling.patterns.errors import InputError
 
 ROOMS = [f"room {number}" for number in range(10)]
 

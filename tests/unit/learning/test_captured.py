@@ -10,14 +10,14 @@ import pytest
 import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
-from learning import captured, simulated
-from learning.captured import Simulation
-from learning.example import Example, Physics
-from patterns.errors import InputError
-from sim import png
-from sim.capture import CaptureSet, open_set
-from sim.scenes import captured as surfaces
-from sim.sensor_edits import with_values
+from starling.learning.data import captured, simulated
+from starling.learning.data.captured import Simulation
+from starling.learning.data.example import Example, Physics
+from starling.patterns.errors import InputError
+from starling.sim.captures import png
+from starling.sim.captures.capture import CaptureSet, open_set
+from starling.sim.scene.captured import captured_scene
+from starling.sim.sensor.edits import with_values
 from tests.unit.learning import capture_sets
 from tests.unit.learning.step_scenes import SHAPE, step_scene
 
@@ -100,14 +100,14 @@ def test_without_infrared_an_example_has_no_reflectance(captures):
     assert captured.example(captures.scenes[0]).reflectance is None
     line = r"^scene must have truth\.png and ir_left\.png; got .*attic-view\. Choose a scene with"
     for asked in (
-        lambda scene: surfaces.brightness(scene, smoothing_px=2.0),
-        lambda scene: surfaces.lit(scene, SENSOR),
+        lambda scene: captured_scene.brightness(scene, smoothing_px=2.0),
+        lambda scene: captured_scene.lit(scene, SENSOR),
     ):
         with pytest.raises(InputError, match=line):
             asked(captures.scenes[0])
     (captures.scenes[1].path / "truth.png").unlink()
     with pytest.raises(InputError, match=r"^scene must have truth\.png"):
-        surfaces.lit(captures.scenes[1], SENSOR)
+        captured_scene.lit(captures.scenes[1], SENSOR)
 
 
 def test_brightness_is_the_smoothed_level_over_its_mean(captures):
@@ -119,7 +119,7 @@ def test_brightness_is_the_smoothed_level_over_its_mean(captures):
     image = np.full(SHAPE, 44, np.uint8)
     image[:, SHAPE[1] // 2 :] = 24
     (scene.path / "0" / "ir_left.png").write_bytes(png.encode(image))
-    found = surfaces.brightness(scene, smoothing_px=2.0)
+    found = captured_scene.brightness(scene, smoothing_px=2.0)
     assert found.dtype == np.float32
     assert_allclose(found[:, :20], 0.5 * 40 / 30, rtol=1e-3)
     assert_allclose(found[:, -20:], 0.5 * 20 / 30, rtol=1e-3)

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from learning.example import Example
-from learning.training import channels as seeing
-from patterns.errors import InputError
-from sim.reason import Reason
+from starling.learning.data.example import Example
+from starling.learning.networks.training import channels
+from starling.patterns.errors import InputError
+from starling.sim.reason import Reason
 from tests.unit.learning.step_scenes import INFO, SHAPE, step_scene
 
 
 def _channel(example: Example, name: str) -> np.ndarray:
     everything = {"with_reflectance": True, "with_physics": True}
-    return seeing.channels(example, **everything)[seeing.names(**everything).index(name)]
+    return channels.channels(example, **everything)[channels.names(**everything).index(name)]
 
 
 def _with_physics(example: Example, **changes: Any) -> Example:
@@ -48,10 +48,10 @@ def test_a_slanted_plane_has_its_gradient_and_incidence() -> None:
 def test_physics_that_says_nothing_tells_the_share_of_holes_everywhere(
     with_reflectance: bool,
 ) -> None:
-    order = seeing.names(with_reflectance=with_reflectance, with_physics=True)
-    values = dict(seeing.saying_nothing(0.2, with_reflectance=with_reflectance))
-    assert {order[number] for number in values} == {*seeing.PHYSICS, *seeing.REASONS}
-    logit = values.pop(order.index("logit")) / seeing.LOGIT_SCALE
+    order = channels.names(with_reflectance=with_reflectance, with_physics=True)
+    values = dict(channels.saying_nothing(0.2, with_reflectance=with_reflectance))
+    assert {order[number] for number in values} == {*channels.PHYSICS, *channels.REASONS}
+    logit = values.pop(order.index("logit")) / channels.LOGIT_SCALE
     assert 1 / (1 + np.exp(-logit)) == pytest.approx(0.2)
     assert set(values.values()) == {0.0}
 
@@ -64,12 +64,12 @@ def test_turning_the_scene_upside_down_turns_the_channels_and_the_signs_of_the_o
     turned = dataclasses.replace(example, depth_m=slanted[::-1])
     alone = {"with_reflectance": False, "with_physics": False}
     for name, upright, over in zip(
-        seeing.names(**alone),
-        seeing.channels(example, **alone),
-        seeing.channels(turned, **alone),
+        channels.names(**alone),
+        channels.channels(example, **alone),
+        channels.channels(turned, **alone),
         strict=True,
     ):
-        sign = -1 if name in seeing.ODD else 1
+        sign = -1 if name in channels.ODD else 1
         np.testing.assert_allclose(over, sign * upright[::-1], atol=1e-4, err_msg=name)
 
 
@@ -80,7 +80,7 @@ def test_unknown_reference_and_physics_leave_no_nan() -> None:
     reflectance[:, 3:6] = np.nan
     example = dataclasses.replace(example, depth_m=depth, reflectance=reflectance)
     example = _with_physics(example, disparity_px=np.full(SHAPE, np.nan, np.float32))
-    seen = seeing.channels(example, with_reflectance=True, with_physics=True)
+    seen = channels.channels(example, with_reflectance=True, with_physics=True)
     assert seen.dtype == np.float32
     assert np.isfinite(seen).all()
     np.testing.assert_array_equal(_channel(example, "known"), np.isfinite(depth))
@@ -88,7 +88,7 @@ def test_unknown_reference_and_physics_leave_no_nan() -> None:
 
 
 def test_every_reason_has_one_channel_and_depth_has_none() -> None:
-    listed = list(itertools.chain(*seeing.REASONS.values()))
+    listed = list(itertools.chain(*channels.REASONS.values()))
     assert sorted(listed) == sorted(set(Reason) - {Reason.VALID})
 
 
@@ -112,7 +112,7 @@ def test_the_right_border_of_the_overlap_changes_sign() -> None:
 def test_refuses_what_is_missing_or_of_another_size(changes: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         example = dataclasses.replace(step_scene(0), **changes)
-        seeing.channels(example, with_reflectance=True, with_physics=True)
+        channels.channels(example, with_reflectance=True, with_physics=True)
 
 
 @pytest.mark.parametrize("name", ["ndp", "infrared", "contrast"])
@@ -121,10 +121,10 @@ def test_refuses_physics_that_is_no_number(name: str) -> None:
     image[3, 4] = np.nan
     with pytest.raises(InputError, match=f"physics {name} must be finite.*1 pixels in scene0"):
         example = _with_physics(step_scene(0), **{name: image})
-        seeing.channels(example, with_reflectance=False, with_physics=True)
+        channels.channels(example, with_reflectance=False, with_physics=True)
 
 
 def test_refuses_physics_of_another_size() -> None:
     example = _with_physics(step_scene(0), contrast=np.ones((8, 9), np.float32))
     with pytest.raises(InputError, match="physics contrast must be 64x48"):
-        seeing.channels(example, with_reflectance=False, with_physics=True)
+        channels.channels(example, with_reflectance=False, with_physics=True)

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from learning import model_file
-from learning.learnable import check_learnable
-from learning.method import Method
-from learning.methods.perfect import Perfect
-from learning.methods.simple import Simple, incidence_deg
-from learning.methods.trees import Trees
-from patterns.errors import InputError
+from starling.learning.data.learnable import check_learnable
+from starling.learning.method import Method
+from starling.learning.methods import model_file
+from starling.learning.methods.perfect import Perfect
+from starling.learning.methods.simple import Simple, incidence_deg
+from starling.learning.methods.trees import Trees
+from starling.patterns.errors import InputError
 
 from .seen import HEIGHT, WIDTH, box, example, flat
 
@@ -144,7 +144,7 @@ def test_a_model_without_its_arrays_or_of_other_features_is_refused(tmp_path):
 
 def test_methods_load_no_scikit_learn_before_they_learn():
     code = (
-        "import sys, learning.methods.trees, learning.methods.simple;"
+        "import sys, starling.learning.methods.trees, starling.learning.methods.simple;"
         "print([m for m in ('sklearn', 'torch', 'mitsuba', 'drjit') if m in sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -9,8 +9,8 @@ import pytest
 import torch
 from torch import nn
 
-from learning import checkpoint
-from patterns.errors import InputError
+from starling.learning.networks import checkpoint
+from starling.patterns.errors import InputError
 
 CONTENT = {"weights": {"a": torch.arange(4000.0)}, "step": 3, "names": ["x", "y"]}
 

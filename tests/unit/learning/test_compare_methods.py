@@ -11,17 +11,20 @@ import cv2
 import numpy as np
 import pytest
 
-from learning import captured, compare_methods, holes, simulated
-from learning.captured import Simulation
-from learning.example import Example, Image, Physics
-from learning.learnable import known_holes
-from learning.methods.perfect import PerfectPredictor
-from learning.methods.physics import SimulatedPredictor
-from learning.train_captures import train_captures
-from patterns.errors import InputError
-from sim import record, sheet
-from sim.capture import CaptureSet, open_set
-from sim.reason import Reason
+from starling.learning.commands import compare_methods
+from starling.learning.commands.train_captures import train_captures
+from starling.learning.data import captured, simulated
+from starling.learning.data.captured import Simulation
+from starling.learning.data.example import Example, Image, Physics
+from starling.learning.data.learnable import known_holes
+from starling.learning.features import holes
+from starling.learning.methods.perfect import PerfectPredictor
+from starling.learning.methods.physics import SimulatedPredictor
+from starling.patterns.errors import InputError
+from starling.sim.captures.capture import CaptureSet, open_set
+from starling.sim.console import record
+from starling.sim.plotting import sheet
+from starling.sim.reason import Reason
 from tests.unit.learning import capture_sets
 from tests.unit.learning.step_scenes import SHAPE, step_scene
 

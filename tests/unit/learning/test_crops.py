@@ -12,10 +12,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from learning.example import Example
-from learning.training import samples as drawing
-from learning.training.samples import Sample
-from patterns.errors import InputError
+from starling.learning.data.example import Example
+from starling.learning.networks.training import samples
+from starling.learning.networks.training.samples import Sample
+from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import INFO, SHAPE, step_scene
 
 WIDE = (200, 300)
@@ -33,7 +33,7 @@ def _sample(number: int, shape: tuple[int, int] = WIDE, room: str = "") -> Sampl
 
 
 SAMPLES = [_sample(number) for number in range(5)]
-_draw = partial(drawing.draw, SAMPLES, count=4, crop_px=(80, 160), hidden=0.0, seed=0, part="crops")
+_draw = partial(samples.draw, SAMPLES, count=4, crop_px=(80, 160), hidden=0.0, seed=0, part="crops")
 
 
 def test_every_scene_is_drawn_equally_often() -> None:
@@ -71,7 +71,7 @@ def test_about_half_hide_what_may_be_hidden_and_nothing_else() -> None:
     open_, hidden = 0, 0
     for step in range(50):
         plain = _draw(step=step)
-        some = drawing.draw(
+        some = samples.draw(
             hiding, count=4, crop_px=(80, 160), hidden=0.5, seed=0, step=step, part="crops"
         )
         assert torch.equal(some.target, plain.target)
@@ -113,7 +113,7 @@ def test_pixels_near_a_cut_do_not_count_and_those_at_the_image_border_do(step: i
 
 
 def test_images_smaller_than_a_crop_are_taken_whole() -> None:
-    batch = drawing.draw(
+    batch = samples.draw(
         [_sample(0, (20, 30))],
         count=2,
         crop_px=(80, 160),
@@ -130,23 +130,23 @@ def test_the_digest_changes_with_a_pixel_and_a_name() -> None:
     changed = _sample(0)
     changed.target[3, 4] += 1
     other_name = dataclasses.replace(_sample(0), scene="other")
-    numbers = [drawing.digest([sample]) for sample in (_sample(0), changed, other_name)]
+    numbers = [samples.digest([sample]) for sample in (_sample(0), changed, other_name)]
     assert len(set(numbers)) == 3
-    assert drawing.digest([_sample(0)]) == numbers[0]
+    assert samples.digest([_sample(0)]) == numbers[0]
 
 
 def test_share_weighs_scenes_alike() -> None:
     few, many = _sample(0, (10, 10)), _sample(1, (10, 10))
     few.target[:], many.target[:] = 1, 0
     few.counted[1:] = False
-    assert drawing.share([few, many]) == 0.5
+    assert samples.share([few, many]) == 0.5
 
 
 def _collect(*examples: Example) -> list[Sample]:
     def depth(example: Example) -> np.ndarray:
         return example.depth_m[None]
 
-    return drawing.collect(examples, depth, odd=(), wanted=lambda e: np.asarray(e.ndp))
+    return samples.collect(examples, depth, odd=(), wanted=lambda e: np.asarray(e.ndp))
 
 
 def _all_ndp(value: bool) -> Example:

@@ -12,12 +12,14 @@ import pytest
 import torch
 from torch.utils.data import DataLoader
 
-from learning import data
-from learning.data import Frames, Stream
-from patterns.errors import InputError
-from sim import capture_info, capture_writer, sensors
-from sim.generation import index, shard
-from sim.generation.taken import Taken, fingerprint
+from starling.learning.data import torch_dataset
+from starling.learning.data.torch_dataset import Frames, Stream
+from starling.patterns.errors import InputError
+from starling.sim.captures import info as capture_info
+from starling.sim.captures import writer
+from starling.sim.datasets import index, shard
+from starling.sim.datasets.render_view import Taken, fingerprint
+from starling.sim.sensor import presets
 
 VIEWS, REPEATS = 6, 2
 
@@ -70,7 +72,7 @@ def made(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
             (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / name).write_bytes(content)
     (tmp_path / index.FILE).write_bytes(index.encoded(rows))
-    info = capture_writer.info_of(sensors.load("d435"), source="", licence="", notes="")
+    info = writer.info_of(presets.load("d435"), source="", licence="", notes="")
     (tmp_path / capture_info.FILE).write_text(capture_info.dumps(info))
     return tmp_path
 
@@ -143,7 +145,7 @@ def test_what_is_not_there_is_refused(made: Path, tmp_path: Path):
     frames = Frames(made, ("ir_left",))
     if (archive := made / shard.name(0)).exists():
         archive.unlink()
-        data._archive.cache_clear()
+        torch_dataset._archive.cache_clear()
         with pytest.raises(InputError, match="shard must be readable"):
             frames[0]
     for path in made.glob("0000000/0/ir_left.png"):

@@ -13,17 +13,20 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from learning import captured, evaluation_pictures, registry, simulated, work_folder
-from learning.captured import Simulation
-from learning.evaluate_captures import FOLDS, Plan, evaluate_captures
-from learning.example import Example, Image
-from learning.icp import case_study
-from learning.icp.study import Outcome
-from learning.train_captures import PHYSICS, train_captures
-from patterns.errors import InputError
-from sim import png
-from sim.capture import CaptureSet, open_set
-from sim.output import RECORD
+from starling.learning import registry
+from starling.learning.commands import work_folder
+from starling.learning.commands.evaluate_captures import FOLDS, Plan, evaluate_captures
+from starling.learning.commands.train_captures import PHYSICS, train_captures
+from starling.learning.data import captured, simulated
+from starling.learning.data.captured import Simulation
+from starling.learning.data.example import Example, Image
+from starling.learning.evaluation import pictures
+from starling.learning.icp import case_study
+from starling.learning.icp.study import Outcome
+from starling.patterns.errors import InputError
+from starling.sim.captures import png
+from starling.sim.captures.capture import CaptureSet, open_set
+from starling.sim.console.output import RECORD
 from tests.unit.learning import capture_sets
 from tests.unit.learning.step_scenes import step_scene
 
@@ -82,8 +85,8 @@ def spy(monkeypatch: pytest.MonkeyPatch) -> Spy:
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw nothing: pictures take most of the time."""
-    monkeypatch.setattr(evaluation_pictures, "curves", lambda _: b"curves")
-    monkeypatch.setattr(evaluation_pictures, "scenes", lambda _: b"scenes")
+    monkeypatch.setattr(pictures, "curves", lambda _: b"curves")
+    monkeypatch.setattr(pictures, "scenes", lambda _: b"scenes")
 
 
 def figures(result: dict) -> dict:

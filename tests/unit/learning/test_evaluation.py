@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from learning import evaluation
-from learning.evaluation import Told
-from learning.example import Example
-from learning.figures.judged import judge, pool
-from learning.figures.roc import roc
-from learning.hole_kinds import KINDS
-from learning.learnable import known_holes
-from patterns.errors import InputError
+from starling.learning.data.example import Example
+from starling.learning.data.learnable import known_holes
+from starling.learning.evaluation import evaluate
+from starling.learning.evaluation.evaluate import Told
+from starling.learning.evaluation.figures.judged import judge, pool
+from starling.learning.evaluation.figures.roc import roc
+from starling.learning.features.hole_kinds import KINDS
+from starling.patterns.errors import InputError
 from tests.unit.learning.seen import HEIGHT, WIDTH, example, flat
 from tests.unit.learning.step_scenes import SHAPE, step_scene
 
@@ -53,7 +53,7 @@ def constant() -> list[Told]:
 
 
 def test_a_perfect_probability_ranks_and_tells_perfectly():
-    found = evaluation.scores(perfect())
+    found = evaluate.scores(perfect())
     assert list(found.rooms) == list(found.rooms_off_edges) == ["room 0", "room 1", "room 2"]
     for one in (found.mean, found.worst, *found.rooms.values(), *found.rooms_off_edges.values()):
         assert (one.auc, one.tpr_at_fpr4, one.tpr_at_fpr10) == (1, 1, 1)
@@ -62,7 +62,7 @@ def test_a_perfect_probability_ranks_and_tells_perfectly():
 
 
 def test_telling_the_same_everywhere_ranks_as_chance_and_finds_nothing():
-    found = evaluation.scores(constant())
+    found = evaluate.scores(constant())
     assert found.mean.auc == pytest.approx(0.5)
     assert found.mean.brier_skill < 0
     assert {(one.sure, one.at_fpr10) for one in found.kinds.values()} == {(0.0, 0.0)}
@@ -71,7 +71,7 @@ def test_telling_the_same_everywhere_ranks_as_chance_and_finds_nothing():
 @settings(max_examples=3)
 @given(seed=st.integers(0, 2**32), noise=st.floats(0.01, 2))
 def test_shares_of_the_kinds_sum_to_one_and_found_holes_to_the_curve(seed, noise):
-    found = evaluation.scores(noisy(seed, noise))
+    found = evaluate.scores(noisy(seed, noise))
     kinds = found.kinds
     assert list(kinds) == list(KINDS)
     assert sum(one.share for one in kinds.values()) == pytest.approx(1)
@@ -109,12 +109,12 @@ def made() -> Told:
 
 
 def test_found_holes_of_each_kind_by_hand():
-    found = evaluation.scores([made()]).kinds
+    found = evaluate.scores([made()]).kinds
     assert {name for name, one in found.items() if one.share} == {"dark", "other"}
-    assert found["dark"] == evaluation.Found(share=0.25, sure=1.0, at_fpr10=1.0)
+    assert found["dark"] == evaluate.Found(share=0.25, sure=1.0, at_fpr10=1.0)
     assert (found["other"].share, found["other"].sure) == (0.75, 0.0)
     assert found["other"].at_fpr10 == pytest.approx(2 / 3)
-    assert found["near"] == evaluation.Found(share=0.0, sure=0.0, at_fpr10=0.0)
+    assert found["near"] == evaluate.Found(share=0.0, sure=0.0, at_fpr10=0.0)
 
 
 def test_what_does_not_count_is_no_hole():
@@ -123,7 +123,7 @@ def test_what_does_not_count_is_no_hole():
     light, counted = one.example.reflectance, one.example.counted
     assert light is not None and counted is not None
     scene = dataclasses.replace(one.example, counted=counted & (light > 0.5))
-    found = evaluation.scores([Told(example=scene, probability=one.probability)])
+    found = evaluate.scores([Told(example=scene, probability=one.probability)])
     assert found.kinds["dark"].share == 0
     assert (found.kinds["other"].share, found.kinds["other"].sure) == (1, 0)
     assert found.kinds["other"].at_fpr10 == pytest.approx(2 / 3)
@@ -133,9 +133,9 @@ def test_what_does_not_count_is_no_hole():
 
 def test_scenes_of_a_room_are_judged_together_and_rooms_count_alike():
     told = noisy(1, 0.5)
-    found = evaluation.scores(told)
+    found = evaluate.scores(told)
     of_room = [one for one in told if one.example.room == "room 1"]
-    alone = evaluation.scores(of_room)
+    alone = evaluate.scores(of_room)
     assert alone.mean == alone.worst == found.rooms["room 1"]
     aucs = [one.auc for one in found.rooms.values()]
     assert found.mean.auc == pytest.approx(np.mean(aucs))
@@ -153,14 +153,14 @@ def test_pixels_at_depth_edges_are_left_out_of_the_second_figures():
             near_step |= np.roll(np.pad(step, ((0, 0), (0, 1))), shift, axis=1)
         wrong = np.where(near_step, 1 - one.probability, one.probability)
         told.append(Told(example=one.example, probability=wrong))
-    found = evaluation.scores(told)
+    found = evaluate.scores(told)
     assert found.worst.auc < 0.95
     assert {one.auc for one in found.rooms_off_edges.values()} == {1.0}
 
 
 def test_the_kept_curve_is_short_and_nearly_the_whole_one():
     told = noisy(3, 0.4)
-    found = evaluation.scores(told)
+    found = evaluate.scores(told)
     whole = roc(pool(judge(one.probability, *known_holes(one.example)) for one in told))
     kept = found.curve
     assert len(kept.threshold) <= 400 < len(whole.threshold)
@@ -173,37 +173,37 @@ def test_the_kept_curve_is_short_and_nearly_the_whole_one():
 
 def test_differences_are_later_less_earlier():
     scores = {
-        "chance": evaluation.scores(constant()),
-        "dim": evaluation.scores(noisy(0, 0.5)),
-        "perfect": evaluation.scores(perfect()),
+        "chance": evaluate.scores(constant()),
+        "dim": evaluate.scores(noisy(0, 0.5)),
+        "perfect": evaluate.scores(perfect()),
     }
-    found = evaluation.differences(scores, seed=0)
+    found = evaluate.differences(scores, seed=0)
     assert {later: list(row) for later, row in found.items()} == {
         "dim": ["chance"],
         "perfect": ["chance", "dim"],
     }
     gain = found["perfect"]["chance"]
-    assert tuple(gain) == evaluation.COMPARED
+    assert tuple(gain) == evaluate.COMPARED
     assert gain["auc"].mean == pytest.approx(0.5)
     assert (gain["auc"].rooms, gain["auc"].above) == (3, 3)
     assert gain["auc"].excludes_zero
     mean = {name: one.mean for name, one in scores.items()}
-    for name in evaluation.COMPARED:
+    for name in evaluate.COMPARED:
         expected = getattr(mean["perfect"], name) - getattr(mean["dim"], name)
         assert found["perfect"]["dim"][name].mean == pytest.approx(expected)
         assert expected > 0
-    turned = evaluation.differences(dict(reversed(scores.items())), seed=0)
+    turned = evaluate.differences(dict(reversed(scores.items())), seed=0)
     assert turned["chance"]["perfect"]["auc"].mean == pytest.approx(-0.5)
     assert turned["chance"]["perfect"]["auc"].above == 0
 
 
 def test_one_room_has_no_differences():
     one_room = {
-        name: evaluation.scores([one for one in told if one.example.room == "room 0"])
+        name: evaluate.scores([one for one in told if one.example.room == "room 0"])
         for name, told in (("perfect", perfect()), ("chance", constant()))
     }
     with pytest.raises(InputError, match=r"rooms must be at least 2; got 1\. One room tells no"):
-        evaluation.differences(one_room, seed=0)
+        evaluate.differences(one_room, seed=0)
 
 
 @pytest.mark.parametrize("fill", [False, True])
@@ -213,7 +213,7 @@ def test_a_room_of_one_kind_of_pixels_is_refused_by_its_name(fill):
     rule = "room cell: no-depth pixels must be some and not all of the counted ones"
     line = f"{rule}; got {fill * 1536} of 1536"
     with pytest.raises(InputError, match=line) as caught:
-        evaluation.scores(told)
+        evaluate.scores(told)
     assert "\n" not in str(caught.value)
 
 
@@ -228,6 +228,6 @@ def test_rooms_whose_holes_all_lie_at_edges_count_there_alone():
         Told(example=one, probability=known_holes(one)[0].astype(np.float32))
         for one in (plain, seen(1), seen(2))
     ]
-    found = evaluation.scores(told)
+    found = evaluate.scores(told)
     assert list(found.rooms) == ["room 1", "room 2", "room0"]
     assert list(found.rooms_off_edges) == ["room 1", "room 2"]

@@ -9,11 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from learning import evaluation, evaluation_pictures, evaluation_report
-from learning.evaluation import Told
-from learning.figures import classification
-from learning.hole_kinds import KINDS
-from sim import record, sheet
+from starling.learning.evaluation import evaluate, pictures, report
+from starling.learning.evaluation.evaluate import Told
+from starling.learning.evaluation.figures import classification
+from starling.learning.features.hole_kinds import KINDS
+from starling.sim.console import record
+from starling.sim.plotting import sheet
 from tests.unit.learning.step_scenes import SHAPE, step_scene
 
 FIGURES = [field.name for field in dataclasses.fields(classification.Classification)]
@@ -43,8 +44,8 @@ def shown(picture: bytes) -> np.ndarray:
 
 
 def test_figures_are_the_scores_as_plain_values():
-    scores = {"dim": evaluation.scores(told(0.3)), "good": evaluation.scores(told(0.9))}
-    found = evaluation_report.figures(scores, seed=4)
+    scores = {"dim": evaluate.scores(told(0.3)), "good": evaluate.scores(told(0.9))}
+    found = report.figures(scores, seed=4)
     assert json.loads(record.dumps(found)) == found
     assert list(found["methods"]) == ["dim", "good"]
     assert list(found["rooms"]) == ["room0", "room1", "room2", "room3"]
@@ -58,7 +59,7 @@ def test_figures_are_the_scores_as_plain_values():
             assert of_it["worst"][figure] in (min(rooms), max(rooms))
         off_edges = [one.auc for one in scores[name].rooms_off_edges.values()]
         assert of_it["off_edges"]["auc"] == pytest.approx(np.mean(off_edges))
-    between = evaluation.differences(scores, seed=4)["good"]["dim"]
+    between = evaluate.differences(scores, seed=4)["good"]["dim"]
     assert found["differences"]["good"]["dim"]["auc"] == dataclasses.asdict(between["auc"])
     gain = found["methods"]["good"]["auc"] - found["methods"]["dim"]["auc"]
     assert found["differences"]["good"]["dim"]["auc"]["mean"] == pytest.approx(gain)
@@ -69,16 +70,16 @@ def test_figures_are_the_scores_as_plain_values():
 
 def test_one_room_has_no_differences_and_one_method_none_to_another():
     of_room = told(0.5, scenes=2, rooms=1)
-    one_room = {"a": evaluation.scores(of_room), "b": evaluation.scores(of_room)}
-    assert "differences" not in evaluation_report.figures(one_room, seed=0)
-    alone = evaluation_report.figures({"a": evaluation.scores(told(0.5))}, seed=0)
+    one_room = {"a": evaluate.scores(of_room), "b": evaluate.scores(of_room)}
+    assert "differences" not in report.figures(one_room, seed=0)
+    alone = report.figures({"a": evaluate.scores(told(0.5))}, seed=0)
     assert alone["differences"] == {}
 
 
 def test_curves_of_every_method_are_drawn():
-    scores = {f"method {n}": evaluation.scores(told(n / 4)) for n in range(4)}
-    all_of_them = shown(evaluation_pictures.curves(scores))
-    one = shown(evaluation_pictures.curves({"method 3": scores["method 3"]}))
+    scores = {f"method {n}": evaluate.scores(told(n / 4)) for n in range(4)}
+    all_of_them = shown(pictures.curves(scores))
+    one = shown(pictures.curves({"method 3": scores["method 3"]}))
     assert all_of_them.shape == one.shape
     assert (all_of_them != one).any(axis=2).mean() > 1e-3
 
@@ -100,7 +101,7 @@ def sheets(monkeypatch: pytest.MonkeyPatch) -> list[list[list[str]]]:
 
 def test_scenes_show_reference_holes_and_every_method(sheets):
     methods = {"dim": told(0.3, scenes=2), "good": told(0.9, scenes=2)}
-    shown(evaluation_pictures.scenes(methods))
+    shown(pictures.scenes(methods))
     assert len(sheets) == 1
     assert sorted(sheets[0]) == [
         [f"scene{n}: reference", "no depth", "dim", "good"] for n in range(2)
@@ -119,5 +120,5 @@ def test_scenes_with_the_most_holes_missed_by_the_last_method_come_first(sheets)
         probability[holes[: number * 5]] = 0.49
         several.append(Told(example=one.example, probability=probability.reshape(SHAPE)))
     blind = [Told(example=o.example, probability=0 * o.probability) for o in several]
-    shown(evaluation_pictures.scenes({"blind": blind, "last": several}))
+    shown(pictures.scenes({"blind": blind, "last": several}))
     assert [row[0] for row in sheets[0]] == [f"scene{n}: reference" for n in (5, 4, 3, 2)]

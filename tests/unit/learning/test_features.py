@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from learning.features import GEOMETRY, REFLECTANCE, features, names
-from patterns.errors import InputError
-from sim import sensors
+from starling.learning.features.features import GEOMETRY, REFLECTANCE, features, names
+from starling.patterns.errors import InputError
+from starling.sim.sensor import presets
 
 from .seen import HEIGHT, WIDTH, box, example, flat, info
 
@@ -55,7 +55,7 @@ def test_left_of_a_box_is_what_the_right_imager_and_the_projector_miss():
 
 def test_projector_stands_where_the_preset_has_it_else_in_the_middle():
     step = box(50, 90)
-    preset = sensors.load("d435")
+    preset = presets.load("d435")
     part = preset.projector.position_m[0] / preset.baseline_m
     of_preset = dataclasses.replace(example(step), info=info("d435"))
     placed = features(example(step), projector_x_m=part * info().baseline_m)

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from learning.figures import classification, proper_scores
-from learning.figures.judged import Judged, judge, pool
-from learning.figures.reliability import reliability
-from learning.figures.roc import roc
-from patterns.errors import InputError
+from starling.learning.evaluation.figures import classification, proper_scores
+from starling.learning.evaluation.figures.judged import Judged, judge, pool
+from starling.learning.evaluation.figures.reliability import reliability
+from starling.learning.evaluation.figures.roc import roc
+from starling.patterns.errors import InputError
 
 
 def judged(probability, ndp) -> Judged:

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from learning import folds
-from patterns.errors import InputError
+from starling.learning.data import folds
+from starling.patterns.errors import InputError
 
 ROOMS = ("a", "b", "c", "d")
 

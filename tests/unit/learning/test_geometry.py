@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from learning.geometry.edges import edges_left, edges_right
-from learning.geometry.planes import fit_planes, incidence_cosine, surface_planes
-from learning.geometry.thickness import gap_width, thickness
-from learning.geometry.visibility import seen_from, signed_distance
-from patterns.errors import InputError
-from sim.filled import filled
-from sim.pinhole import Pinhole
+from starling.learning.features.edges import edges_left, edges_right
+from starling.learning.features.thickness import gap_width, thickness
+from starling.learning.features.visibility import seen_from, signed_distance
+from starling.patterns.errors import InputError
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.geometry.planes import fit_planes, incidence_cosine, surface_planes
+from starling.sim.stereo.filled import filled
 
 from .seen import BASELINE_M, FOCAL_PX, HEIGHT, WIDTH, box, flat, info
 

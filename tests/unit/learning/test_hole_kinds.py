@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from learning.example import Example
-from learning.hole_kinds import KINDS, hole_kinds
-from patterns.errors import InputError
+from starling.learning.data.example import Example
+from starling.learning.features.hole_kinds import KINDS, hole_kinds
+from starling.patterns.errors import InputError
 from tests.unit.learning.seen import FOCAL_PX, HEIGHT, WIDTH, box, example, flat, info
 
 ROWS, COLUMNS = np.indices((HEIGHT, WIDTH))

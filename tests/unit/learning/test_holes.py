@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from learning import holes
-from patterns.errors import InputError
+from starling.learning.features import holes
+from starling.patterns.errors import InputError
 
 
 def drawn() -> np.ndarray:

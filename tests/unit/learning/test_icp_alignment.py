@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from learning.icp import alignment, cloud, objects
-from learning.icp.alignment import Disturbance
-from patterns.errors import InputError
-from sim.frames import rotation
+from starling.learning.icp import alignment, cloud, objects
+from starling.learning.icp.alignment import Disturbance
+from starling.patterns.errors import InputError
+from starling.sim.geometry.frames import rotation
 from tests.unit.learning.drawn_scene import INFO, depth
 
 CENTRE = np.array([0.1, -0.2, 0.9])

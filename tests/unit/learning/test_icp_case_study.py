@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from learning import captured
-from learning.evaluation import Told
-from learning.icp import case_study
-from learning.icp.alignment import Disturbance
-from learning.icp.study import REAL
-from patterns.errors import InputError
-from sim import capture, capture_info, png
-from sim.capture import CaptureSet
-from sim.depth import to_code
+from starling.learning.data import captured
+from starling.learning.evaluation.evaluate import Told
+from starling.learning.icp import case_study
+from starling.learning.icp.alignment import Disturbance
+from starling.learning.icp.study import REAL
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture, info, png
+from starling.sim.captures.capture import CaptureSet
+from starling.sim.stereo.depth import to_code
 from tests.unit.learning.drawn_scene import INFO, WALL_M, box_depth, depth
 
 SMALL = Disturbance(most_m=0.02, most_deg=8)
@@ -24,7 +24,7 @@ SMALL = Disturbance(most_m=0.02, most_deg=8)
 def write(folder: Path, **images: np.ndarray) -> CaptureSet:
     """A set of one scene; its device reads 1 % too far."""
     (folder / "scene" / "0").mkdir(parents=True)
-    (folder / capture_info.FILE).write_text(capture_info.dumps(INFO))
+    (folder / info.FILE).write_text(info.dumps(INFO))
     codes = {
         "truth": to_code(depth(), INFO.depth_unit_m),
         "0/depth": to_code(1.01 * depth(), INFO.depth_unit_m),

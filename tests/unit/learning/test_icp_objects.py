@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from learning.icp import cloud, objects, segments
-from learning.icp.cloud import Cloud
-from patterns.errors import InputError
-from sim import capture
+from starling.learning.icp import cloud, objects, segments
+from starling.learning.icp.cloud import Cloud
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture
 from tests.unit.learning.drawn_scene import (
     BALL_CENTRE_M,
     BALL_RADIUS_M,

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from learning.icp import comparison, objects, study
-from learning.icp.alignment import Disturbance
-from learning.icp.study import Outcome
-from patterns.errors import InputError
+from starling.learning.icp import comparison, objects, study
+from starling.learning.icp.alignment import Disturbance
+from starling.learning.icp.study import Outcome
+from starling.patterns.errors import InputError
 from tests.unit.learning.drawn_scene import INFO, depth
 
 SMALL = Disturbance(most_m=0.02, most_deg=8)

@@ -8,9 +8,11 @@ from typing import Any
 
 import pytest
 
-from learning import evaluation_pictures, simulated, train_captures
-from learning.captured import Simulation
-from sim import asked_sensor
+from starling.learning.commands import train_captures
+from starling.learning.data import simulated
+from starling.learning.data.captured import Simulation
+from starling.learning.evaluation import pictures
+from starling.sim.sensor import resolve
 from tests.unit.command_line import refused as _refused
 from tests.unit.command_line import run as _run
 from tests.unit.learning import capture_sets
@@ -25,8 +27,8 @@ def captures(tmp_path: Path) -> Path:
 @pytest.fixture(autouse=True)
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw nothing: pictures take most of the time."""
-    monkeypatch.setattr(evaluation_pictures, "curves", lambda _: b"curves")
-    monkeypatch.setattr(evaluation_pictures, "scenes", lambda _: b"scenes")
+    monkeypatch.setattr(pictures, "curves", lambda _: b"curves")
+    monkeypatch.setattr(pictures, "scenes", lambda _: b"scenes")
 
 
 @pytest.fixture
@@ -38,7 +40,7 @@ def sensors(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, dict[str, Any]]]
         asked.append((name, how))
         return capture_sets.sensor()
 
-    monkeypatch.setattr(asked_sensor, "load", load)
+    monkeypatch.setattr(resolve, "load", load)
     monkeypatch.setattr(simulated, "physics", lambda *_, **__: step_scene(0).physics)
     return asked
 

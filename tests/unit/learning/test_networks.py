@@ -12,18 +12,18 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from learning.example import Example
-from learning.figures.judged import judge, pool
-from learning.figures.roc import roc
-from learning.inference import apply
-from learning.method import Predictor
-from learning.methods.hybrid import Hybrid, HybridPredictor, corrected
-from learning.methods.network import Network
-from learning.physics_probability import physics_probability
-from learning.training.channels import channels
-from learning.training.settings import Settings
-from learning.unet import UNet
-from patterns.errors import InputError
+from starling.learning.data.example import Example
+from starling.learning.data.physics_probability import physics_probability
+from starling.learning.evaluation.figures.judged import judge, pool
+from starling.learning.evaluation.figures.roc import roc
+from starling.learning.method import Predictor
+from starling.learning.methods.hybrid import Hybrid, HybridPredictor, corrected
+from starling.learning.methods.network import Network
+from starling.learning.networks.inference import apply
+from starling.learning.networks.training.channels import channels
+from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.unet import UNet
+from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import INFO, SHAPE, step_scene
 
 pytestmark = pytest.mark.long  # Trainings.
@@ -192,6 +192,8 @@ def test_going_on_from_weights_begins_where_they_ended(kind: Any, tmp_path: Path
 def test_refuses_weights_learnt_from_other_channels(tmp_path: Path, monkeypatch: Any) -> None:
     short = dataclasses.replace(QUICK, steps=1)
     Network(settings=short).fit(LEARNT_FROM[:2], folder=tmp_path, seed=0)
-    monkeypatch.setattr("learning.methods.network.names", lambda **_: ("disparity", "colour"))
+    monkeypatch.setattr(
+        "starling.learning.methods.network.names", lambda **_: ("disparity", "colour")
+    )
     with pytest.raises(InputError, match="must have learnt from disparity, colour; got"):
         Network().load(tmp_path)

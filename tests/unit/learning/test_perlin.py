@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from learning import perlin
-from learning.perlin import Perlin
-from patterns.errors import InputError
+from starling.learning.sampling import perlin
+from starling.learning.sampling.perlin import Perlin
+from starling.patterns.errors import InputError
 
 
 def many(noise: Perlin, *, shape: tuple[int, int] = (96, 128), frame: float = 0.0) -> np.ndarray:

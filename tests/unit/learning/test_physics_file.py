@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from learning import model_file, physics_file
-from learning.example import Physics
-from patterns.errors import InputError
+from starling.learning.data import physics_file
+from starling.learning.data.example import Physics
+from starling.learning.methods import model_file
+from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import step_scene
 
 NAMES = tuple(field.name for field in dataclasses.fields(Physics))

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from learning import model_file
-from learning.figures.judged import judge, pool
-from learning.figures.proper_scores import log_loss
-from learning.learnable import known_holes
-from learning.method import Method
-from learning.methods.physics import Simulated, SimulatedPredictor
-from learning.physics_probability import physics_probability
-from learning.recalibration import Recalibration
-from patterns.errors import InputError
+from starling.learning.data.learnable import known_holes
+from starling.learning.data.physics_probability import physics_probability
+from starling.learning.evaluation.figures.judged import judge, pool
+from starling.learning.evaluation.figures.proper_scores import log_loss
+from starling.learning.method import Method
+from starling.learning.methods import model_file
+from starling.learning.methods.physics import Simulated, SimulatedPredictor
+from starling.learning.methods.recalibration import Recalibration
+from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import SHAPE, step_scene
 
 SCENES = [step_scene(number) for number in range(6)]

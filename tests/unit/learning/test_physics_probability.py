@@ -10,9 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
-from learning.example import Physics
-from learning.physics_probability import PLACE_PX, as_precise_as_physics, physics_probability
-from patterns.errors import InputError
+from starling.learning.data.example import Physics
+from starling.learning.data.physics_probability import (
+    PLACE_PX,
+    as_precise_as_physics,
+    physics_probability,
+)
+from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import SHAPE, step_scene
 
 

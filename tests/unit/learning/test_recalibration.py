@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import expit, logit
 
-from learning.recalibration import Recalibration, fit_recalibration
-from patterns.errors import InputError
+from starling.learning.methods.recalibration import Recalibration, fit_recalibration
+from starling.patterns.errors import InputError
 
 
 @given(slope=st.floats(0.5, 3), offset=st.floats(-1, 1))

@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from learning import registry
-from patterns.errors import InputError
+from starling.learning import registry
+from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import step_scene
 
 NETWORKS = ("network", "network_reflectance", "hybrid", "hybrid_reflectance", "pix2pix", "cyclegan")
@@ -76,7 +76,7 @@ def test_what_a_method_needs_and_is_missing_is_named(name, package):
     """In a process of its own, which has loaded none of it."""
     code = (
         f"import sys; sys.modules['{package}'] = None\n"
-        "from learning import registry; from patterns.errors import InputError\n"
+        "from starling.learning import registry; from starling.patterns.errors import InputError\n"
         f"try: registry.method('{name}')\n"
         "except InputError as error: print(error)"
     )
@@ -86,7 +86,7 @@ def test_what_a_method_needs_and_is_missing_is_named(name, package):
 
 def test_a_cheap_method_loads_no_network_and_no_renderer():
     code = (
-        "import sys; from learning import registry;"
+        "import sys; from starling.learning import registry;"
         "[registry.method(name) for name in ('perfect', 'simple', 'trees', 'physics')];"
         "print([m for m in ('torch', 'mitsuba', 'sklearn', 'matplotlib') if m in sys.modules])"
     )

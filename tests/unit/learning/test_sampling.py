@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from learning import sampling
-from learning.example import Physics
-from learning.perlin import Perlin
-from learning.physics_probability import physics_probability
-from learning.sampling import Sampling
-from patterns.errors import InputError
-from sim.capture_info import CaptureInfo
+from starling.learning.data.example import Physics
+from starling.learning.data.physics_probability import physics_probability
+from starling.learning.sampling import sampling
+from starling.learning.sampling.perlin import Perlin
+from starling.learning.sampling.sampling import Sampling
+from starling.patterns.errors import InputError
+from starling.sim.captures.info import CaptureInfo
 from tests.unit.learning.step_scenes import step_scene
 
 NOISE = Perlin(correlation_px=2.0, correlation_frames=5.0)

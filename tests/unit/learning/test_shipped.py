@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 import torch
 
-from learning import shipped
-from learning.completion import methods
-from learning.completion.method import complete
-from learning.completion.small import small
-from learning.completion.small.small import Small
-from learning.train_captures import trained
-from sim import asked_sensor, scenes, simulate
-from sim.output import RECORD
+from starling.learning import shipped
+from starling.learning.commands.train_captures import trained
+from starling.learning.completion import methods
+from starling.learning.completion.method import complete
+from starling.learning.completion.small import method as small
+from starling.learning.completion.small.method import Small
+from starling.sim import simulate
+from starling.sim.console.output import RECORD
+from starling.sim.scene import sources
+from starling.sim.sensor import resolve
 
 FOLDER = Path(shipped.__file__).parent
 
@@ -49,8 +51,8 @@ def test_the_network_that_completes_is_read_by_its_name_alone():
 def test_it_completes_a_simulated_room_better_than_any_plain_fill():
     """A room that is not among those it has learnt from."""
     size = ("width=640", "height=360", "fx_px=448", "fy_px=448", "cx_px=319.5", "cy_px=179.5")
-    sensor = asked_sensor.load("d415", edits=size)
-    shot = simulate.simulate(scenes.load("room:2000001", sensor), sensor, seed=0)
+    sensor = resolve.load("d415", edits=size)
+    shot = simulate.simulate(sources.load("room:2000001", sensor), sensor, seed=0)
     depth, truth_m = shot.depth, shot.layers.truth.depth_m
     holes = ~depth.valid & np.isfinite(truth_m)
     errors = {

@@ -11,15 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from learning import simulated
-from learning.example import Physics
-from patterns.errors import InputError
-from sim import simulate
-from sim.reason import Reason
-from sim.scenes import builtin
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
-from sim.stage import Stage
+from starling.learning.data import simulated
+from starling.learning.data.example import Physics
+from starling.patterns.errors import InputError
+from starling.sim import simulate
+from starling.sim.reason import Reason
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
 from tests.unit.calibration.small_camera import small
 
 SENSOR = small("d435", 64, 32)
@@ -33,7 +33,7 @@ IMAGES = ("ndp", "infrared", "contrast", "disparity_px", "reason")
 
 @pytest.fixture(scope="module")
 def stage() -> Stage:
-    return Stage(builtin.wall())
+    return Stage(scenes.wall())
 
 
 def _noise_free() -> Sensor:
@@ -43,7 +43,7 @@ def _noise_free() -> Sensor:
 @pytest.mark.parametrize("draws", [0, 10_001])
 def test_no_draw_or_too_many_are_refused(draws):
     with pytest.raises(InputError) as caught:
-        simulated.physics(builtin.wall(), SENSOR, draws=draws)
+        simulated.physics(scenes.wall(), SENSOR, draws=draws)
     line = f"draws must be in [1, 10000]; got {draws}. Simulate at least once."
     assert str(caught.value) == line
 

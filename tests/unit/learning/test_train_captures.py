@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from learning import captured, simulated, work_folder
-from learning.captured import Simulation
-from learning.methods.simple import Simple
-from learning.train_captures import PHYSICS, train_captures, trained
-from patterns.errors import InputError
-from sim.capture import open_set
-from sim.output import RECORD
+from starling.learning.commands import work_folder
+from starling.learning.commands.train_captures import PHYSICS, train_captures, trained
+from starling.learning.data import captured, simulated
+from starling.learning.data.captured import Simulation
+from starling.learning.methods.simple import Simple
+from starling.patterns.errors import InputError
+from starling.sim.captures.capture import open_set
+from starling.sim.console.output import RECORD
 from tests.unit.learning import capture_sets
 from tests.unit.learning.step_scenes import step_scene
 

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 import torch
 
-from learning.example import Example
-from learning.methods.cyclegan import CycleGan
-from learning.methods.hybrid import Hybrid
-from learning.methods.network import Network
-from learning.methods.pix2pix import Pix2Pix
-from learning.training import loop
-from learning.training.learner import one_cycle
-from learning.training.settings import Settings
-from patterns.errors import InputError
+from starling.learning.data.example import Example
+from starling.learning.methods.cyclegan import CycleGan
+from starling.learning.methods.hybrid import Hybrid
+from starling.learning.methods.network import Network
+from starling.learning.methods.pix2pix import Pix2Pix
+from starling.learning.networks.training import loop
+from starling.learning.networks.training.learner import one_cycle
+from starling.learning.networks.training.settings import Settings
+from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import step_scene
 
 pytestmark = pytest.mark.long  # Trainings.

@@ -12,12 +12,12 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from learning.figures.judged import judge, pool
-from learning.figures.roc import roc
-from learning.methods.cyclegan import CycleGan, CycleGanLearner
-from learning.methods.pix2pix import SETTINGS, SIGHT, Keeper, Pix2Pix, Pix2PixLearner
-from learning.training.settings import Settings
-from learning.training.translation import (
+from starling.learning.evaluation.figures.judged import judge, pool
+from starling.learning.evaluation.figures.roc import roc
+from starling.learning.methods.cyclegan import CycleGan, CycleGanLearner
+from starling.learning.methods.pix2pix import SETTINGS, SIGHT, Keeper, Pix2Pix, Pix2PixLearner
+from starling.learning.networks.training.settings import Settings
+from starling.learning.networks.training.translation import (
     DEPTH,
     FARTHEST_M,
     PatchDiscriminator,
@@ -27,8 +27,8 @@ from learning.training.translation import (
     judged,
     linear_decay,
 )
-from learning.unet import parameter_count
-from patterns.errors import InputError
+from starling.learning.networks.unet import parameter_count
+from starling.patterns.errors import InputError
 from tests.unit.learning.step_scenes import SHAPE, step_scene
 
 pytestmark = pytest.mark.long  # Trainings.
@@ -138,7 +138,7 @@ def test_a_step_moves_every_network() -> None:
     holes = torch.from_numpy(np.asarray(UNSEEN[0].ndp))[None, None]
 
     def draw(part: str) -> Any:
-        from learning.training.samples import Batch
+        from starling.learning.networks.training.samples import Batch
 
         assert part in ("reference", "device")
         return Batch(image, image * ~holes, torch.ones_like(image))

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from learning import model_file
-from learning.bins import equal_count_bins
-from learning.drawn_pixels import draw_pixels, join
-from learning.example import Physics
-from learning.features import GEOMETRY, features
-from learning.figures.classification import classification
-from learning.figures.judged import judge, pool
-from learning.forest import forest_of
-from learning.geometry.visibility import seen_from
-from learning.methods.trees import Trees
-from patterns.errors import InputError
-from sim.reason import Reason
+from starling.learning.data.drawn_pixels import draw_pixels, join
+from starling.learning.data.example import Physics
+from starling.learning.evaluation.figures.classification import classification
+from starling.learning.evaluation.figures.judged import judge, pool
+from starling.learning.features.bins import equal_count_bins
+from starling.learning.features.features import GEOMETRY, features
+from starling.learning.features.visibility import seen_from
+from starling.learning.methods import model_file
+from starling.learning.methods.forest import forest_of
+from starling.learning.methods.trees import Trees
+from starling.patterns.errors import InputError
+from starling.sim.reason import Reason
 
 from .seen import HEIGHT, WIDTH, box, example, flat
 

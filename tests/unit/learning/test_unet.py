@@ -7,8 +7,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from learning.training.channels import names
-from learning.unet import UNet, parameter_count
+from starling.learning.networks.training.channels import names
+from starling.learning.networks.unet import UNet, parameter_count
 
 
 def _awake(inputs: int = 1) -> UNet:

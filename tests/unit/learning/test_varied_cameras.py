@@ -10,22 +10,25 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from learning import simulated_captures, varied_cameras
-from patterns.errors import InputError
-from sim import capture, depth, effects, sensors
-from sim.effects import setting
-from sim.reason import Reason
-from sim.scenes import builtin
-from sim.sensor_edits import with_values
+from starling.learning.data import simulated_captures, varied_cameras
+from starling.patterns.errors import InputError
+from starling.sim import effects
+from starling.sim.captures import capture
+from starling.sim.effects import setting as setting
+from starling.sim.reason import Reason
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.stereo import depth
 
 BELIEVED = with_values(
-    sensors.load("d435"),
+    presets.load("d435"),
     [
         *(("width", 64), ("height", 36), ("fx_px", 32.0), ("fy_px", 32.0)),
         *(("cx_px", 31.5), ("cy_px", 17.5)),
     ],
 )
-SCENE = builtin.clutter(1)
+SCENE = scenes.clutter(1)
 SEEDS = range(40)
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from learning.virtual import unit
-from sim.scenes import builtin
+from starling.learning.data.virtual import unit
+from starling.sim.scene.builtin import scenes
 
 SEEDS = range(60)
 
 
 def test_conditions_are_a_seeds_own() -> None:
-    believed = builtin.clutter(3)
+    believed = scenes.clutter(3)
     sensor, scene = unit.conditions(believed, 4)
     assert unit.conditions(believed, 4)[0] == sensor
     assert unit.conditions(believed, 5)[0] != sensor
@@ -22,7 +22,7 @@ def test_conditions_are_a_seeds_own() -> None:
 
 
 def test_what_varies_stays_within_what_is_written() -> None:
-    believed = builtin.clutter(0)
+    believed = scenes.clutter(0)
     drawn = [unit.conditions(believed, seed) for seed in SEEDS]
     levels = [sensor.left.auto_exposure_level for sensor, _ in drawn]
     assert 0.14 <= min(levels) < 0.18 and 0.23 < max(levels) <= 0.27
@@ -31,14 +31,14 @@ def test_what_varies_stays_within_what_is_written() -> None:
 
 
 def test_temperature_moves_what_belongs_together() -> None:
-    drawn = [unit.conditions(builtin.wall(), seed)[0] for seed in SEEDS]
+    drawn = [unit.conditions(scenes.wall(), seed)[0] for seed in SEEDS]
     scales = [sensor.projector.pattern_scale for sensor in drawn]
     waves = [sensor.projector.wavelength_nm for sensor in drawn]
     assert np.corrcoef(scales, waves)[0, 1] == pytest.approx(1.0, abs=1e-3)
 
 
 def test_dyes_are_of_things_and_not_of_metal() -> None:
-    believed = builtin.clutter(0)
+    believed = scenes.clutter(0)
     for seed in SEEDS:
         true = unit.conditions(believed, seed)[1]
         for told, there in zip(believed.bodies, true.bodies, strict=True):
@@ -52,6 +52,6 @@ def test_dyes_are_of_things_and_not_of_metal() -> None:
 
 @pytest.mark.slow
 def test_it_sees_with_holes_where_a_clean_camera_has_none() -> None:
-    shot = unit.capture(builtin.clutter(3), 2, samples=4)
+    shot = unit.capture(scenes.clutter(3), 2, samples=4)
     assert 0.02 < np.mean(~shot.depth.valid) < 0.15
     assert 0.1 < shot.ir_left.mean() / 255 < 0.35

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from learning import work_folder
-from patterns.errors import InputError
-from sim.output import RECORD
+from starling.learning.commands import work_folder
+from starling.patterns.errors import InputError
+from starling.sim.console.output import RECORD
 
 ARGUMENTS = {"method": "trees", "rooms": ("a", "b"), "seed": 0, "captures": Path("set")}
 OTHERS = {**ARGUMENTS, "seed": 1}

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from patterns import Field, InputError, draw, measure
+from starling.patterns import Field, InputError, draw, measure
 
 FIELD = Field(60.0, 40.0)
 SHAPE = FIELD.shape(320)

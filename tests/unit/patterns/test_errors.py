@@ -2,7 +2,7 @@
 
 import pytest
 
-from patterns import InputError, errors
+from starling.patterns import InputError, errors
 
 
 @pytest.mark.parametrize("bad", [10**400, -(10**400), float("nan"), float("inf"), "1", True, None])

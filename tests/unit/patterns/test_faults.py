@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns import InputError, Pattern, faults, lattice, quasirandom
-from patterns.field import Field, unit_vectors
+from starling.patterns import InputError, Pattern, faults, lattice, quasirandom
+from starling.patterns.field import Field, unit_vectors
 
 PATTERN = quasirandom(width_px=960)
 BACKGROUND = 0.3

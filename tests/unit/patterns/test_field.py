@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from patterns import Field, InputError
+from starling.patterns import Field, InputError
 
 
 def test_a_right_angled_field_is_a_sixth_of_the_sphere():

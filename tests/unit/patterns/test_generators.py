@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
-from patterns import InputError, lattice, quasirandom, tiled, uniform
-from patterns.field import unit_vectors
+from starling.patterns import InputError, lattice, quasirandom, tiled, uniform
+from starling.patterns.field import unit_vectors
 
 SMALL = {"fov_x_deg": 40.0, "fov_y_deg": 30.0, "width_px": 400}
 GENERATORS = {

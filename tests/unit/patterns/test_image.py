@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from patterns import InputError, load, measure, quasirandom
+from starling.patterns import InputError, load, measure, quasirandom
 
 FOV = {"fov_x_deg": 60.0, "fov_y_deg": 40.0}
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from patterns import Field, InputError, Pattern, uniform
+from starling.patterns import Field, InputError, Pattern, uniform
 
 FOV = {"fov_x_deg": 60.0, "fov_y_deg": 40.0}
 

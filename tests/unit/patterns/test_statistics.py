@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from patterns import (
+from starling.patterns import (
     Field,
     InputError,
     Pattern,

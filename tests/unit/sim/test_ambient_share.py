@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim import render
-from sim.scene import Scene
-from sim.scenes import captured
-from sim.scenes.room_light import Lit
-from sim.stage import Stage
+from starling.sim.render import direct
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.captured import captured_scene
+from starling.sim.scene.captured.room_light import Lit
+from starling.sim.scene.scene import Scene
 from tests.unit.sim import test_room_light as rooms
 from tests.unit.sim.test_room_light import BELIEVED, DARK, SENSOR, SHAPE
 
@@ -27,14 +27,14 @@ def unevenly() -> np.ndarray:
 
 def scene(share: np.ndarray | None, folder) -> Scene:
     known = rooms.room(folder, 1.0)
-    return captured.surface(known, Lit(np.full(SHAPE, 0.5, np.float32), 1.0, share))
+    return captured_scene.surface(known, Lit(np.full(SHAPE, 0.5, np.float32), 1.0, share))
 
 
 def test_dots_tell_where_it_is_brighter(tmp_path):
     """To 15 % in the middle pixel, where half as much as the mean and twice as much is thrown."""
     ambient = 0.4
     known = rooms.room(tmp_path / "set", ambient, share=unevenly())
-    found = captured.lit(known, SENSOR, smoothing_px=6.0, within_surfaces=True)
+    found = captured_scene.lit(known, SENSOR, smoothing_px=6.0, within_surfaces=True)
     assert found.ambient_share is not None
     there = found.ambient_share * found.ambient_w_m2 / (ambient * unevenly())
     assert np.median(np.abs(there / np.median(there) - 1)) < 0.15
@@ -47,7 +47,7 @@ def test_dots_tell_where_it_is_brighter(tmp_path):
 def test_even_light_is_found_even(ambient, tmp_path):
     """Near and far: what is lost of dots on the way would pass for light where most are thrown."""
     known = rooms.room(tmp_path / "set", ambient)
-    found = captured.lit(known, SENSOR, smoothing_px=6.0, within_surfaces=True)
+    found = captured_scene.lit(known, SENSOR, smoothing_px=6.0, within_surfaces=True)
     assert found.ambient_share is not None
     assert np.quantile(np.abs(found.ambient_share - 1), 0.8) < 0.08
     block, wall = found.ambient_share[100:190, 70:140], found.ambient_share[20:70]
@@ -57,13 +57,13 @@ def test_even_light_is_found_even(ambient, tmp_path):
 @pytest.mark.parametrize("believed", [BELIEVED, DARK])
 def test_dots_of_another_place_tell_nothing(believed, tmp_path):
     known = rooms.room(tmp_path / "set", 0.4, share=unevenly())
-    assert captured.lit(known, believed, smoothing_px=6.0).ambient_share is None
+    assert captured_scene.lit(known, believed, smoothing_px=6.0).ambient_share is None
 
 
 def test_light_is_what_its_share_says_in_both_views(tmp_path):
     """Of what surfaces return of ambient light, and of nothing else."""
     even, shared = (
-        render.layers(Stage(scene(share, tmp_path / str(share is None))), SENSOR)
+        direct.layers(Stage(scene(share, tmp_path / str(share is None))), SENSOR)
         for share in (None, unevenly())
     )
     inner = (slice(20, 80), slice(20, -20))  # Above the block: the wall alone.

@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from patterns import InputError
-from sim import atlas, atlas_page, effects, matcher, sensors
-from sim.effects import Effect, Parameter, Stage, setting
-from sim.scenes import builtin
+from starling.patterns import InputError
+from starling.sim import effects
+from starling.sim.commands import atlas, atlas_page
+from starling.sim.effects import Effect, Parameter, Stage
+from starling.sim.effects import setting as setting
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor import matcher, presets
 
 FOLDER = Path(__file__).parents[3] / "docs" / "effects"
 RENEW = "run: starling atlas --out docs/effects --force"
@@ -74,7 +77,7 @@ def test_index_goes_by_stage_and_leaves_empty_ones_out() -> None:
 
 
 def test_every_row_is_drawn_away_from_where_it_stands() -> None:
-    given = (sensors.load("d435"), builtin.tabletop())
+    given = (presets.load("d435"), scenes.tabletop())
     ideal = setting.ideal(*given)
     for row in ROWS:
         drawing = atlas._drawing(row, ideal, given)
@@ -83,7 +86,7 @@ def test_every_row_is_drawn_away_from_where_it_stands() -> None:
 
 
 def test_a_sensor_that_lacks_what_a_row_moves_is_refused() -> None:
-    given = (sensors.load("d435"), builtin.tabletop())
+    given = (presets.load("d435"), scenes.tabletop())
     quick = (dataclasses.replace(given[0], matcher=matcher.named("fast")), given[1])
     row = effects.named("small_penalty")  # Another engine's, in whole numbers; then one that lacks.
     assert list(atlas._drawing(row, quick, quick).affected) == [row.parameters[0].low]

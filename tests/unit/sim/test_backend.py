@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from sim import backend
+from starling.sim.render import backend
 
 ROOT = Path(__file__).parents[3]
 
@@ -50,7 +50,7 @@ def test_old_llvm_is_not_taken_and_the_users_choice_is(tmp_path, monkeypatch):
 
 def test_without_llvm_it_says_so_and_goes_on():
     told = answer(
-        "from sim import backend; backend._PLACES = (); print(backend.mitsuba().variant())",
+        "from starling.sim.render import backend; backend._PLACES = (); print(backend.mitsuba().variant())",
         DRJIT_LIBLLVM_PATH="",
     )
     assert told.returncode == 0
@@ -60,18 +60,20 @@ def test_without_llvm_it_says_so_and_goes_on():
 
 
 def test_an_unknown_variant_is_refused():
-    told = answer("from sim import backend; backend.mitsuba()", STARLING_VARIANT="llvm_rgb")
+    told = answer(
+        "from starling.sim.render import backend; backend.mitsuba()", STARLING_VARIANT="llvm_rgb"
+    )
     assert "STARLING_VARIANT must be a known name; got 'llvm_rgb'" in told.stderr
 
 
 def test_a_variant_that_cannot_run_is_refused():
-    code = "from sim import backend; backend._PLACES = (); backend.mitsuba()"
+    code = "from starling.sim.render import backend; backend._PLACES = (); backend.mitsuba()"
     told = answer(code, STARLING_VARIANT="llvm_ad_mono", DRJIT_LIBLLVM_PATH="")
     assert "BackendError: STARLING_VARIANT must name a variant that runs here" in told.stderr
 
 
 def test_the_refusal_of_a_variant_reaches_the_user_as_one_line():
-    command = [sys.executable, "starling.py", "doctor"]
+    command = [sys.executable, "-m", "starling", "doctor"]
     environment = {**os.environ, "STARLING_VARIANT": "nonsense"}
     told = subprocess.run(
         command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from sim import bench
+from starling.sim.commands import bench
 
 
 def test_every_round_is_told_and_the_first_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter([0.0, 100.0] * 10 + [0.0, 1.0] * 20)  # 100 s to compile, then 1 s each.
     shot = SimpleNamespace(layers=None, ir_left=None, ir_right=None)
     monkeypatch.setattr(bench, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
-    for name in ("backend", "render", "simulate", "Stage", "builtin", "_with_interreflection"):
+    for name in ("backend", "direct", "simulate", "Stage", "scenes", "_with_interreflection"):
         monkeypatch.setattr(bench, name, _Anything(shot))
     monkeypatch.setattr(bench, "_floor", lambda *_: lambda *_: None)
     monkeypatch.setattr(bench, "_all_on", lambda scene, sensor: (scene, sensor))

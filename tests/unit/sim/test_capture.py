@@ -12,9 +12,12 @@ import cv2
 import numpy as np
 import pytest
 
-from patterns.errors import InputError
-from sim import asked_sensor, capture, capture_info, sensors
-from sim.capture_writer import info_of
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture
+from starling.sim.captures import info as capture_info
+from starling.sim.captures.writer import info_of
+from starling.sim.sensor import presets as sensors
+from starling.sim.sensor import resolve
 
 
 def _change(path: Path, old: str, new: str) -> None:
@@ -223,7 +226,7 @@ def test_wrong_frames_are_refused(small_set: Path) -> None:
 
 
 def test_geometry_goes_into_a_sensor(small_set: Path) -> None:
-    from sim import sensors
+    from starling.sim.sensor import presets as sensors
 
     info = capture.open_set(small_set).info
     sensor = info.geometry_into(sensors.load("d415"))
@@ -269,7 +272,7 @@ def test_a_scene_may_have_a_camera_of_its_own(small_set: Path) -> None:
     with pytest.raises(InputError, match=r"captures must be of one camera here; got .*camera.toml"):
         mixed.refuse_mixed()
     with pytest.raises(InputError, match="captures must be of one camera here"):
-        asked_sensor.load("d435", captures=str(small_set))
+        resolve.load("d435", captures=str(small_set))
 
 
 @pytest.mark.parametrize("name", ["cx_px", "cy_px"])

@@ -9,11 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
-from patterns import InputError
-from sim import capture_info, capture_writer, frames, png, sensors
-from sim.depth import DepthMap
-from sim.output import OutputFolder
-from sim.sensor import Colour
+from starling.patterns import InputError
+from starling.sim.captures import info as capture_info
+from starling.sim.captures import png, writer
+from starling.sim.console.output import OutputFolder
+from starling.sim.geometry import frames
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Colour
+from starling.sim.stereo.depth import DepthMap
 
 CAMERA = Colour(width=64, height=48, fx_px=60, fy_px=61, cx_px=32, cy_px=24)
 
@@ -34,7 +37,7 @@ def test_colour_and_registered_depth_are_files_of_their_own(tmp_path: Path) -> N
     registered[2, 3] = 1.25
     image = np.zeros((4, 6), np.uint8)
     with OutputFolder(tmp_path / "out") as folder:
-        capture_writer.write_frame(
+        writer.write_frame(
             folder, "a", 0, depth=_depth(), depth_unit_m=1e-3, infrared=(image, None),
             registered_m=registered, colour=colour,
         )  # fmt: skip
@@ -50,8 +53,8 @@ def test_colour_and_registered_depth_are_files_of_their_own(tmp_path: Path) -> N
 
 def test_info_says_where_the_colour_camera_is() -> None:
     posed = dataclasses.replace(CAMERA, position_m=(-0.015, 0.01, 0.002), rotation_deg=(0, 2, 0))
-    sensor = dataclasses.replace(sensors.load("d435"), colour=posed)
-    info = capture_writer.info_of(sensor, source="s", licence="l", notes="")
+    sensor = dataclasses.replace(presets.load("d435"), colour=posed)
+    info = writer.info_of(sensor, source="s", licence="l", notes="")
     assert info.colour is not None and info.colour.fy_px == 61
     left_from_colour = frames.pose(posed.position_m, posed.rotation_deg)
     back = np.array(info.colour_from_left) @ left_from_colour
@@ -60,8 +63,8 @@ def test_info_says_where_the_colour_camera_is() -> None:
 
 
 def test_info_of_a_sensor_without_one_says_nothing() -> None:
-    sensor = dataclasses.replace(sensors.load("d435"), colour=None)
-    info = capture_writer.info_of(sensor, source="s", licence="l", notes="")
+    sensor = dataclasses.replace(presets.load("d435"), colour=None)
+    info = writer.info_of(sensor, source="s", licence="l", notes="")
     assert info.colour is None and "colour" not in capture_info.dumps(info)
 
 

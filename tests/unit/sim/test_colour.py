@@ -7,19 +7,22 @@ import dataclasses
 import numpy as np
 import pytest
 
-from patterns import InputError
-from sim import colour, frames, materials, sensors
-from sim.parts.projector import Projector
-from sim.scene import Ambient, Material, ModelError, Scene
-from sim.scenes import solids
-from sim.sensor import Colour, Sensor
+from starling.patterns import InputError
+from starling.sim.geometry import frames
+from starling.sim.imaging import colour_picture
+from starling.sim.scene import materials
+from starling.sim.scene.builtin import solids
+from starling.sim.scene.scene import Ambient, Material, ModelError, Scene
+from starling.sim.sensor import presets
+from starling.sim.sensor.projector import Projector
+from starling.sim.sensor.sensor import Colour, Sensor
 
 RGB = (0.6, 0.3, 0.1)
 
 
 def _sensor(**changes) -> Sensor:
     camera = Colour(width=96, height=64, fx_px=80.0, fy_px=80.0, cx_px=48.0, cy_px=32.0)
-    return dataclasses.replace(sensors.load("d435"), colour=dataclasses.replace(camera, **changes))
+    return dataclasses.replace(presets.load("d435"), colour=dataclasses.replace(camera, **changes))
 
 
 def _wall(material: Material, *, texture: np.ndarray | None = None) -> Scene:
@@ -39,18 +42,18 @@ def _linear(picture: np.ndarray) -> np.ndarray:
 def test_a_wall_has_the_colour_of_its_material() -> None:
     """Ratios of linear light are those of the reflectances, near infrared left out."""
     paint = Material(name="paint", reflectance=0.9, rgb=RGB)
-    seen = _linear(colour.picture(_wall(paint), _sensor())[32, 48])
+    seen = _linear(colour_picture.picture(_wall(paint), _sensor())[32, 48])
     np.testing.assert_allclose(seen / seen[0], np.array(RGB) / RGB[0], rtol=0.02)
 
 
 def test_a_material_without_colour_is_grey() -> None:
-    seen = colour.picture(_wall(Material(name="plain")), _sensor())
+    seen = colour_picture.picture(_wall(Material(name="plain")), _sensor())
     assert (seen[..., 0] == seen[..., 1]).all() and (seen[..., 1] == seen[..., 2]).all()
 
 
 def test_exposure_meets_its_level() -> None:
     for level in (0.3, 0.6):
-        seen = colour.picture(_wall(Material(name="plain")), _sensor(level=level))
+        seen = colour_picture.picture(_wall(Material(name="plain")), _sensor(level=level))
         assert seen.mean() / 255 == pytest.approx(level, abs=0.04)
 
 
@@ -60,15 +63,15 @@ def test_projectors_do_not_light_it() -> None:
     strong = dataclasses.replace(
         _sensor(), projector=dataclasses.replace(_sensor().projector, power_w=5.0)
     )
-    plain = colour.picture(scene, _sensor())
-    assert np.array_equal(colour.picture(lit, _sensor()), plain)
-    assert np.array_equal(colour.picture(scene, strong), plain)
+    plain = colour_picture.picture(scene, _sensor())
+    assert np.array_equal(colour_picture.picture(lit, _sensor()), plain)
+    assert np.array_equal(colour_picture.picture(scene, strong), plain)
 
 
 def test_a_texture_is_tinted() -> None:
     texture = np.full((32, 32), 0.25, np.float32)
     paint = Material(name="paint", reflectance=0.5, rgb=RGB)
-    seen = _linear(colour.picture(_wall(paint, texture=texture), _sensor())[32, 48])
+    seen = _linear(colour_picture.picture(_wall(paint, texture=texture), _sensor())[32, 48])
     np.testing.assert_allclose(seen / seen[0], np.array(RGB) / RGB[0], rtol=0.02)
 
 
@@ -85,7 +88,9 @@ def test_it_sees_from_its_own_place(scale: float) -> None:
     scene = dataclasses.replace(
         scene, bodies=(*scene.bodies, patch), model_error=ModelError(scale=scale)
     )
-    seen = colour.picture(scene, _sensor(position_m=(-0.06, 0.0, 0.0)))[..., 1].astype(float)
+    seen = colour_picture.picture(scene, _sensor(position_m=(-0.06, 0.0, 0.0)))[..., 1].astype(
+        float
+    )
     rows, columns = np.nonzero(seen > 0.5 * seen.max())
     assert columns.mean() == pytest.approx(48 + 80 * 0.06 / (0.9 * scale), abs=0.3)
     assert rows.mean() == pytest.approx(32, abs=0.3)
@@ -94,4 +99,4 @@ def test_it_sees_from_its_own_place(scale: float) -> None:
 def test_a_sensor_without_colour_camera_is_refused() -> None:
     blind = dataclasses.replace(_sensor(), colour=None)
     with pytest.raises(InputError, match="colour must be given; got none in d435"):
-        colour.picture(_wall(Material(name="plain")), blind)
+        colour_picture.picture(_wall(Material(name="plain")), blind)

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from patterns.errors import InputError
-from sim import capture
-from sim.compare import compare, pair_scenes
-from sim.dots import dot_contrast
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture
+from starling.sim.commands.compare import compare, pair_scenes
+from starling.sim.imaging.dot_contrast import dot_contrast
 
 NAMES = {"ndp_rate", "ndp_iou", "nmad_px", "dot_contrast", "mean_dn"}
 

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns import InputError
-from sim import sensors
-from sim.depth import depth_from_disparity, disparity_from_depth, from_code, to_code
-from sim.measurement import measure
-from sim.reason import LABELS, Reason, first_cause
+from starling.patterns import InputError
+from starling.sim.reason import LABELS, Reason, first_cause
+from starling.sim.sensor import presets
+from starling.sim.stereo.depth import depth_from_disparity, disparity_from_depth, from_code, to_code
+from starling.sim.stereo.measurement import measure
 
 
 @given(st.floats(0.01, 500.0), st.floats(100, 2000), st.floats(0.01, 0.2))
@@ -66,4 +66,4 @@ def test_every_reason_has_a_label():
 def test_a_stereo_sensor_needs_both_images():
     image = np.zeros((32, 64), np.uint8)
     with pytest.raises(InputError, match="ir_right must be given; got None"):
-        measure(image, None, sensors.load("d435"), causes={})
+        measure(image, None, presets.load("d435"), causes={})

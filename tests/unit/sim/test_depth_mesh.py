@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from sim import render, sensors, stage
-from sim.depth import disparity_from_depth
-from sim.scene import Ambient, Body, Material, Scene
-from sim.scenes import depth_mesh, dots_off
+from starling.sim.render import direct, mitsuba_scene
+from starling.sim.scene.captured import depth_mesh, dot_removal
+from starling.sim.scene.scene import Ambient, Body, Material, Scene
+from starling.sim.sensor import presets
+from starling.sim.stereo.depth import disparity_from_depth
 
-SENSOR = sensors.load("d435")
+SENSOR = presets.load("d435")
 K = np.array([[SENSOR.fx_px, 0, SENSOR.cx_px], [0, SENSOR.fy_px, SENSOR.cy_px], [0, 0, 1]])
 
 
@@ -59,7 +60,7 @@ def test_the_mesh_is_seen_as_the_image_it_came_from():
     body = Body(name="b", mesh=mesh, material=Material(name="m"), texture=texture)
     even = Ambient(gradient=0.0)
     scene = Scene(name="s", bodies=(body,), ambient=even)
-    layers = render.layers(stage.Stage(scene), SENSOR)
+    layers = direct.layers(mitsuba_scene.Stage(scene), SENSOR)
     inner = (slice(2, -2), slice(2, -2))
     assert np.isfinite(layers.truth.depth_m[inner]).all()
     found = disparity_from_depth(
@@ -81,7 +82,7 @@ def test_edges_are_cut_and_what_lies_behind_is_seen_from_the_right():
         Body(name="near", mesh=near, material=grey),
         Body(name="far", mesh=far, material=grey),
     )
-    layers = render.layers(stage.Stage(Scene(name="s", bodies=bodies)), SENSOR)
+    layers = direct.layers(mitsuba_scene.Stage(Scene(name="s", bodies=bodies)), SENSOR)
     # The right imager looks past the block's right edge: no void may open there.
     assert (layers.right.ambient[200, 450:520] > 0).all()
     assert not layers.truth.right_sees[200, 282:298].any()
@@ -94,8 +95,8 @@ def test_round_spots_go_and_stripes_stay():
     for v in range(10, 110, 9):
         for u in range(10, 150, 9):
             spots += 12 * np.exp(-((rows - v) ** 2 + (columns - u) ** 2) / (2 * 1.55**2))
-    assert np.std(dots_off.removed(30 + spots)[12:-12, 12:-12]) < 0.2 * np.std(spots)
-    kept = dots_off.removed(stripes)
+    assert np.std(dot_removal.removed(30 + spots)[12:-12, 12:-12]) < 0.2 * np.std(spots)
+    kept = dot_removal.removed(stripes)
     assert np.corrcoef(kept.ravel(), stripes.ravel())[0, 1] == pytest.approx(1.0, abs=0.02)
 
 

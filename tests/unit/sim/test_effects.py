@@ -11,11 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns.errors import InputError
-from sim import effects, matcher, sensors
-from sim.effects import Effect, Parameter, Stage, listing, setting
-from sim.scenes import builtin
-from sim.sensor import Colour, Sensor
+from starling.patterns.errors import InputError
+from starling.sim import effects
+from starling.sim.effects import Effect, Parameter, Stage, listing
+from starling.sim.effects import setting as setting
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor import matcher, presets
+from starling.sim.sensor.sensor import Colour, Sensor
 
 ROWS = effects.table()
 NUMBERS = [(row, parameter) for row in ROWS for parameter in row.parameters]
@@ -24,7 +26,7 @@ NUMBERS = [(row, parameter) for row in ROWS for parameter in row.parameters]
 def _sensor() -> Sensor:
     """A sensor that has every part, so that every row has something to move."""
     colour = Colour(width=64, height=48, fx_px=60, fy_px=60, cx_px=32, cy_px=24)
-    return dataclasses.replace(sensors.load("d435"), colour=colour)
+    return dataclasses.replace(presets.load("d435"), colour=colour)
 
 
 def _name(case: Any) -> str:
@@ -58,7 +60,7 @@ def test_every_row_says_what_it_is(row: Effect) -> None:
 
 @pytest.mark.parametrize(("row", "parameter"), NUMBERS, ids=_name)
 def test_every_value_of_the_range_is_admitted(row: Effect, parameter: Parameter) -> None:
-    sensor, scene = _sensor(), builtin.wall()
+    sensor, scene = _sensor(), scenes.wall()
     if parameter.choices:
         values: list[Any] = list(parameter.choices)
         if parameter.low is not None:
@@ -81,13 +83,13 @@ def test_a_unit_that_is_off_by_a_thousand_is_refused(row: Effect, parameter: Par
         return
     with pytest.raises(InputError, match=rf"^effect {row.name}\.{parameter.name}: .*must "):
         setting.apply(
-            _sensor(), builtin.wall(), {f"{row.name}.{parameter.name}": 1000 * parameter.high}
+            _sensor(), scenes.wall(), {f"{row.name}.{parameter.name}": 1000 * parameter.high}
         )
 
 
 @pytest.mark.parametrize(("row", "parameter"), NUMBERS, ids=_name)
 def test_a_row_moves_something(row: Effect, parameter: Parameter) -> None:
-    sensor, scene = setting.ideal(_sensor(), builtin.wall())
+    sensor, scene = setting.ideal(_sensor(), scenes.wall())
     base = setting.value(parameter, sensor, scene)
     ends = parameter.choices or (parameter.low, parameter.high)
     other = next(value for value in ends if value != base)
@@ -100,7 +102,7 @@ def test_a_row_moves_something(row: Effect, parameter: Parameter) -> None:
 @given(st.sets(st.sampled_from(NUMBERS), max_size=8))
 def test_neutral_is_the_ideal_sensor(chosen: set[tuple[Effect, Parameter]]) -> None:
     """Setting any rows to neutral on an ideal camera leaves it as it is."""
-    sensor, scene = setting.ideal(_sensor(), builtin.wall())
+    sensor, scene = setting.ideal(_sensor(), scenes.wall())
     settings = {
         f"{row.name}.{parameter.name}": value
         for row, parameter in chosen
@@ -115,7 +117,7 @@ def test_neutral_is_the_ideal_sensor(chosen: set[tuple[Effect, Parameter]]) -> N
 
 def test_settings_reach_both_imagers_one_component_and_the_scene() -> None:
     asked = {"lens_blur": 0.9, "motion.x": 0.2, "vertical_offset": 0.5}
-    sensor, scene = setting.apply(sensors.load("d435"), builtin.wall(), asked)
+    sensor, scene = setting.apply(presets.load("d435"), scenes.wall(), asked)
     assert sensor.left.lens.blur_px == sensor.right.lens.blur_px == 0.9
     assert (sensor.left.alignment.offset_y_px, sensor.right.alignment.offset_y_px) == (0, 0.5)
     assert scene.motion.velocity_m_s == (0.2, 0.0, 0.0)
@@ -145,7 +147,7 @@ def test_settings_reach_both_imagers_one_component_and_the_scene() -> None:
 )
 def test_wrong_settings_are_refused(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        setting.apply(_sensor(), builtin.wall(), settings)
+        setting.apply(_sensor(), scenes.wall(), settings)
 
 
 def test_another_matcher_lacks_the_field() -> None:
@@ -155,7 +157,7 @@ def test_another_matcher_lacks_the_field() -> None:
         r"SemiGlobalBlock. Set matcher.setting to d4xx"
     )
     with pytest.raises(InputError, match=message):
-        setting.apply(quick, builtin.wall(), {"presmooth": 1.0})
+        setting.apply(quick, scenes.wall(), {"presmooth": 1.0})
     (row,) = listing.rows(quick, "presmooth")
     assert row["parameters"][0]["neutral"] is None
     assert "neutral -, sets" in listing.page([row])
@@ -177,7 +179,7 @@ def test_a_text_may_not_repeat() -> None:
 
 
 def test_the_listing_has_the_keys_that_others_script_against() -> None:
-    rows = json.loads(json.dumps(listing.rows(sensors.load("d435"))))
+    rows = json.loads(json.dumps(listing.rows(presets.load("d435"))))
     assert [row["name"] for row in rows] == [row.name for row in ROWS]
     for row in rows:
         assert {"name", "family", "stage", "rerender", "parameters", "source"} <= set(row)
@@ -186,6 +188,6 @@ def test_the_listing_has_the_keys_that_others_script_against() -> None:
             assert parameter["neutral"] is not None
     lines = listing.text(rows).splitlines()
     assert all(any(line.startswith(f"{row.name} ") for line in lines) for row in ROWS)
-    page = listing.page(listing.rows(sensors.load("d435"), "lens_blur"))
+    page = listing.page(listing.rows(presets.load("d435"), "lens_blur"))
     assert page.startswith("lens_blur  (optics, family ") and "source: " in page
     assert np.all([len(line) <= 101 for line in page.splitlines()])

@@ -16,11 +16,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns.errors import InputError
-from sim import exr, exr_structure
-from sim.depth import DepthMap
-from sim.layers import Layers, Truth, View
-from sim.output import OutputFolder
+from starling.patterns.errors import InputError
+from starling.sim.captures import exr, exr_structure
+from starling.sim.console.output import OutputFolder
+from starling.sim.render.layers import Layers, Truth, View
+from starling.sim.stereo.depth import DepthMap
 
 
 def _frame(shape: tuple[int, int] = (37, 20), seed: int = 0) -> tuple[Layers, DepthMap]:

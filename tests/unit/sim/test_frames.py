@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns import InputError
-from sim import frames
+from starling.patterns import InputError
+from starling.sim.geometry import frames
 
 angles = st.tuples(*[st.floats(-170, 170)] * 3)
 

@@ -13,9 +13,12 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-import starling
-from patterns.errors import InputError
-from sim import capture, compare, sensor_edits, sensors
+from starling import command_line
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture
+from starling.sim.commands import compare
+from starling.sim.sensor import edits as sensor_edits
+from starling.sim.sensor import presets as sensors
 
 PRESET = sensors.text("d415")
 _LINES = [line for line in PRESET.splitlines() if "=" in line and not line.startswith("#")]
@@ -83,7 +86,7 @@ def _command(*arguments: str) -> None:
     """Run a command: it goes well, or prints one line and nothing else."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = starling.main(arguments)
+        code = command_line.main(arguments)
     if code:
         assert (code, out.getvalue()) == (1, "")
         assert err.getvalue().startswith("starling: ") and err.getvalue().count("\n") == 1

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns import InputError
-from sim import imager
-from sim.imager import charge, converter, noise, smoothing, well
-from sim.imager.exposure import Exposure, recorded
-from sim.imager.fixed_pattern import Die
-from sim.optics import blur
-from sim.sensor import Imager
+from starling.patterns import InputError
+from starling.sim.imaging import imager
+from starling.sim.imaging.imager import charge, converter, noise, smoothing, well
+from starling.sim.imaging.imager.exposure import Exposure, recorded
+from starling.sim.imaging.imager.fixed_pattern import Die
+from starling.sim.imaging.optics import blur
+from starling.sim.sensor.sensor import Imager
 
 REAL = Imager(
     shot_noise=1.0, read_noise_e=6.0, full_well_e=8000.0, bit_depth=12, black_level_dn=20.0

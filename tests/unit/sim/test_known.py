@@ -11,25 +11,21 @@ import numpy as np
 import pytest
 import trimesh
 
-from patterns.errors import InputError
-from sim import (
-    capture,
-    frames,
-    match_captures,
-    render,
-    scene_file,
-    sensor_edits,
-    sensors,
-    simulate_captures,
-    stage,
-)
-from sim.capture import CapturedScene
-from sim.frames import Pose
-from sim.scenes import builtin, known
-from sim.sensor import Sensor
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture
+from starling.sim.captures.capture import CapturedScene
+from starling.sim.commands import match_captures, simulate_captures
+from starling.sim.geometry import frames
+from starling.sim.geometry.frames import Pose
+from starling.sim.render import direct, mitsuba_scene
+from starling.sim.scene import scene_file
+from starling.sim.scene.builtin import scenes
+from starling.sim.scene.captured import known_geometry
+from starling.sim.sensor import edits, presets
+from starling.sim.sensor.sensor import Sensor
 
-SMALL = sensor_edits.apply(
-    sensors.load("d435"),
+SMALL = edits.apply(
+    presets.load("d435"),
     ["width=160", "height=120", "cx_px=79.3", "cy_px=60.2", "fx_px=81", "fy_px=82"],
 )
 XML = """<scene version="3.0.0">
@@ -49,12 +45,12 @@ def _simulated(
 
 def _depth_m(scene: CapturedScene, left_from_true: Pose | None = None) -> np.ndarray:
     """Depth of the known geometry as the set's own sensor sees it, from another place if given."""
-    sensor = sensors.load(str(scene.path.parent / "sensor.toml"))
-    loaded = known.load(scene, sensor)
+    sensor = presets.load(str(scene.path.parent / "sensor.toml"))
+    loaded = known_geometry.load(scene, sensor)
     assert loaded is not None
     pose = loaded.world_from_left @ (np.eye(4) if left_from_true is None else left_from_true)
     moved = dataclasses.replace(loaded, world_from_left=pose)
-    return render.layers(stage.Stage(moved), sensor).truth.depth_m
+    return direct.layers(mitsuba_scene.Stage(moved), sensor).truth.depth_m
 
 
 def _assert_seen_again(scene: CapturedScene, left_from_true: Pose | None = None) -> None:
@@ -81,7 +77,7 @@ def test_a_builtin_scene_is_seen_again(tmp_path: Path) -> None:
     file = scene.known()
     assert file is not None and (file.scene, file.materials) == ("tabletop:3", ())
     np.testing.assert_allclose(
-        file.world_from_left, builtin.tabletop(3).world_from_left, rtol=0, atol=1e-15
+        file.world_from_left, scenes.tabletop(3).world_from_left, rtol=0, atol=1e-15
     )
     _assert_seen_again(scene)
 
@@ -93,7 +89,7 @@ def test_another_pose_is_seen_otherwise(tmp_path: Path) -> None:
     before = _depth_m(scene)
     (scene.path / "scene.toml").write_text(text.replace("tabletop:3", "tabletop:4"))
     assert np.nanmax(np.abs(_depth_m(scene) - before)) > 0.05
-    eye = scene_file.dumps(known.describe("tabletop:3", np.eye(4), scene.path))  # type: ignore[arg-type]
+    eye = scene_file.dumps(known_geometry.describe("tabletop:3", np.eye(4), scene.path))  # type: ignore[arg-type]
     (scene.path / "scene.toml").write_text(eye)
     assert np.nanmax(np.abs(_depth_m(scene) - before)) > 0.05
 
@@ -122,13 +118,13 @@ def test_a_mirrored_view_is_no_pose(tmp_path: Path) -> None:
     assert _simulated(tmp_path / "ball.xml", tmp_path / "out").known() is None
     sheared = np.eye(4)
     sheared[0, 1] = 0.01
-    assert known.describe("wall", sheared, tmp_path) is None
+    assert known_geometry.describe("wall", sheared, tmp_path) is None
 
 
 def test_poses_in_single_precision_become_rigid(tmp_path: Path) -> None:
     pose = frames.pose((0.3, -0.2, 1.5), (20, -30, 40))
     pose[:3, :3] += np.random.default_rng(0).uniform(-3e-6, 3e-6, (3, 3))
-    file = known.describe("wall", pose, tmp_path)
+    file = known_geometry.describe("wall", pose, tmp_path)
     assert file is not None
     np.testing.assert_allclose(file.world_from_left, pose, atol=6e-6)
 
@@ -137,8 +133,8 @@ def test_what_users_do_not_know_is_not_written(tmp_path: Path) -> None:
     """A model's error shows in the truth alone: the file is that of the model."""
     effects = {"model_shift.z": 0.01, "nir_reflectance": 0.5, "motion": 0.1}
     moved = _simulated("tabletop:3", tmp_path / "moved", effects=effects)
-    model = builtin.tabletop(3).world_from_left
-    assert moved.known() == known.describe("tabletop:3", model, moved.path)
+    model = scenes.tabletop(3).world_from_left
+    assert moved.known() == known_geometry.describe("tabletop:3", model, moved.path)
     _assert_seen_again(moved, frames.pose((0.0, 0.0, -0.01)))
     with pytest.raises(AssertionError):
         _assert_seen_again(moved)
@@ -149,17 +145,17 @@ def test_captures_are_no_known_geometry(small_set: Path, tmp_path: Path) -> None
     sensor = info.geometry_into(SMALL)
     simulate_captures.simulate_captures(str(small_set / "a"), sensor, tmp_path / "out")
     (scene,) = capture.open_set(tmp_path / "out").scenes
-    assert scene.known() is None and known.load(scene, sensor) is None
+    assert scene.known() is None and known_geometry.load(scene, sensor) is None
 
 
 def test_paths_are_absolute_where_nothing_is_shared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mesh = _box(tmp_path / "box.ply")
-    file = known.describe(str(mesh), np.eye(4), Path("/nowhere/set/box"))
+    file = known_geometry.describe(str(mesh), np.eye(4), Path("/nowhere/set/box"))
     assert file is not None and file.scene == mesh.as_posix()
     monkeypatch.chdir(tmp_path)
-    file = known.describe("box.ply", np.eye(4), tmp_path / "set" / "box")
+    file = known_geometry.describe("box.ply", np.eye(4), tmp_path / "set" / "box")
     assert file is not None and file.scene == "../../box.ply"
 
 
@@ -170,7 +166,7 @@ def test_links_are_followed_on_the_way_to_a_mesh(tmp_path: Path) -> None:
     (tmp_path / "meshes").symlink_to(tmp_path / "store" / "deep")
     folder = tmp_path / "set" / "box"
     folder.mkdir(parents=True)
-    file = known.describe(str(tmp_path / "meshes" / "box.ply"), np.eye(4), folder)
+    file = known_geometry.describe(str(tmp_path / "meshes" / "box.ply"), np.eye(4), folder)
     assert file is not None and file.scene == "../../store/deep/box.ply"
     assert (folder / file.scene).is_file()
 
@@ -189,7 +185,7 @@ def test_a_users_own_mesh_is_posed(small_set: Path) -> None:
     pose = frames.pose((0.0, 0.1, 0.8), (0.0, 30.0, 0.0))
     _box(small_set / "a" / "box.ply")
     scene = _with_file(small_set, 'scene = "box.ply"', pose)
-    loaded = known.load(scene, _sensor(scene))
+    loaded = known_geometry.load(scene, _sensor(scene))
     assert loaded is not None and loaded.name == "box"
     np.testing.assert_allclose(loaded.world_from_left @ pose, np.eye(4), atol=1e-12)
 
@@ -208,20 +204,20 @@ def test_matching_carries_what_is_known(small_set: Path, tmp_path: Path) -> None
     here, there = scene.known(), carried.known()
     assert here is not None and there is not None
     assert there == dataclasses.replace(here, scene="../../../set/a/box.ply")
-    loaded = known.load(carried, _sensor(carried))
+    loaded = known_geometry.load(carried, _sensor(carried))
     assert loaded is not None and loaded.bodies[0].material.reflectance == 0.2
 
 
 def test_matching_carries_a_builtin_name(small_set: Path, tmp_path: Path) -> None:
     scene = _with_file(small_set, 'scene = "tabletop:3"')
-    assert known.carried(scene, tmp_path / "x" / "y") == scene.known()
+    assert known_geometry.carried(scene, tmp_path / "x" / "y") == scene.known()
 
 
 def test_materials_go_to_the_bodies_they_name(small_set: Path) -> None:
     materials = '[[materials]]\nbody = "*"\nreflectance = 0.2\n'
     materials += '[[materials]]\nbody = "ball *"\nreflectance = 0.7\n'
     scene = _with_file(small_set, f'scene = "tabletop"\n{materials}')
-    loaded = known.load(scene, _sensor(scene))
+    loaded = known_geometry.load(scene, _sensor(scene))
     assert loaded is not None
     found = {body.name: body.material for body in loaded.bodies}
     assert found.pop("ball 1").reflectance == 0.7
@@ -246,7 +242,7 @@ def test_materials_go_to_the_bodies_they_name(small_set: Path) -> None:
 def test_what_cannot_be_loaded_is_refused(small_set: Path, text: str, message: str) -> None:
     scene = _with_file(small_set, text)
     with pytest.raises(InputError, match=message) as caught:
-        known.load(scene, _sensor(scene))
+        known_geometry.load(scene, _sensor(scene))
     assert str(small_set / "a" / "scene.toml") in str(caught.value)
 
 
@@ -255,4 +251,4 @@ def test_shapes_of_an_xml_keep_their_materials(small_set: Path) -> None:
     text = 'scene = "ball.xml"\n[[materials]]\nbody = "*"\nreflectance = 0.2'
     scene = _with_file(small_set, text)
     with pytest.raises(InputError, match="There are: none, shapes of an XML keep theirs"):
-        known.load(scene, _sensor(scene))
+        known_geometry.load(scene, _sensor(scene))

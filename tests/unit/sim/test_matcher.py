@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from patterns.errors import InputError
-from sim.matcher import (
+from starling.patterns.errors import InputError
+from starling.sim.sensor.matcher import (
     D4XX,
     FAST,
     Block,
@@ -91,6 +91,6 @@ def test_settings_are_frozen():
 
 
 def test_settings_load_no_compiler_and_no_opencv():
-    code = "import sys, sim.matcher; print(sorted({'cv2', 'numba', 'scipy'} & set(sys.modules)))"
+    code = "import sys, starling.sim.sensor.matcher; print(sorted({'cv2', 'numba', 'scipy'} & set(sys.modules)))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"

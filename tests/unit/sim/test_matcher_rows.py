@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim import sensor_edits, sensors
-from sim.effects import Effect, Parameter, Stage
-from sim.effects.matcher import ROWS
-from sim.matching import match
-from sim.sensor import Sensor
+from starling.sim.effects import Effect, Parameter, Stage
+from starling.sim.effects.matcher import ROWS
+from starling.sim.sensor import edits, presets
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.matching import match
 
 PARAMETERS = [(row, parameter) for row in ROWS for parameter in row.parameters]
 NAMES = [f"{row.name}.{parameter.name}" for row, parameter in PARAMETERS]
@@ -19,7 +19,7 @@ NAMES = [f"{row.name}.{parameter.name}" for row, parameter in PARAMETERS]
 
 @pytest.fixture(scope="module")
 def sensor() -> Sensor:
-    d415 = sensors.load("d415")
+    d415 = presets.load("d415")
     matcher = replace(d415.matcher, search_px=64)
     return replace(d415, matcher=matcher)
 
@@ -56,7 +56,7 @@ def _moved(sensor: Sensor, parameter: Parameter, value: float) -> Sensor:
     for part in parameter.paths[0].split("."):
         before = getattr(before, part)
     typed = int(value) if isinstance(before, int) else value
-    return sensor_edits.with_values(sensor, [(path, typed) for path in parameter.paths])
+    return edits.with_values(sensor, [(path, typed) for path in parameter.paths])
 
 
 @pytest.mark.parametrize(("row", "parameter"), PARAMETERS, ids=NAMES)

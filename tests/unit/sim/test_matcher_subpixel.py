@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim import structure
-from sim.matcher import D4XX, FAST, CensusSemiGlobal, Matcher, Refinement
-from sim.matching import match, subpixel
-from sim.reason import Reason
+from starling.sim.reason import Reason
+from starling.sim.sensor import structure
+from starling.sim.sensor.matcher import D4XX, FAST, CensusSemiGlobal, Matcher, Refinement
+from starling.sim.stereo import subpixel
+from starling.sim.stereo.matching import match
 
 FINE = replace(
     D4XX, search_px=32, refinement=replace(D4XX.refinement, quantum_px=0.0, locking_px=0.0)
@@ -67,7 +68,7 @@ def test_neutral_values_return_the_array_itself():
 def test_locking_stands_in_the_matcher_s_result_in_full(slanted):
     """On matched images: with and without differ by -a sin(2 pi d) at every valid pixel.
 
-    Does not prove that the matcher's own, unset non-linearity is small: `benchmarks/physics.py`.
+    Does not prove that the matcher's own, unset non-linearity is small: `benchmarks/matcher/physics.py`.
     """
     plain = match(slanted[0], slanted[1], FINE)
     pulled = match(

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from patterns.errors import InputError
-from sim.matcher import (
+from starling.patterns.errors import InputError
+from starling.sim.reason import Reason
+from starling.sim.sensor.matcher import (
     D4XX,
     FAST,
     Block,
@@ -20,9 +21,9 @@ from sim.matcher import (
     Refinement,
     SemiGlobalBlock,
 )
-from sim.matching import DisparityMap, census, checks, match, opencv, semiglobal, subpixel, support
-from sim.matching import support_cost as cost_volume
-from sim.reason import Reason
+from starling.sim.stereo import census, checks, opencv, semiglobal, subpixel, support
+from starling.sim.stereo.matching import DisparityMap, match
+from starling.sim.stereo.matching import support_cost as cost_volume
 
 ENGINES = {
     "fast": FAST,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.matching import checks, opencv
+from starling.sim.stereo import checks, opencv
 
 
 def test_texture_is_in_codes_of_eight_bits() -> None:

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim import matching
-from sim.matcher import named
-from sim.matching import semiglobal
-from sim.matching.memory import Memory
+from starling.sim.sensor.matcher import named
+from starling.sim.stereo import matching as matching
+from starling.sim.stereo import semiglobal
+from starling.sim.stereo.memory import Memory
 
 MATCHER = dataclasses.replace(named("d4xx"), search_px=16)
 

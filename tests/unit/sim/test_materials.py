@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns import InputError
-from sim import materials
+from starling.patterns import InputError
+from starling.sim.scene import materials
 
 PAGE = Path(__file__).parents[3] / "docs" / "materials.md"
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns.errors import InputError
-from sim import metrics
+from starling.patterns.errors import InputError
+from starling.sim import metrics
 
 
 def step_scene() -> np.ndarray:

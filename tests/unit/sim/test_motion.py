@@ -9,23 +9,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns.errors import InputError
-from sim import backend, frames, motion, render, sensors, stage
-from sim.camera import cameras
-from sim.scene import Motion
-from sim.scenes import builtin
+from starling.patterns.errors import InputError
+from starling.sim.geometry import frames, motion
+from starling.sim.render import backend, direct, mitsuba_scene
+from starling.sim.render.rays import cameras
+from starling.sim.scene.builtin import scenes
+from starling.sim.scene.scene import Motion
+from starling.sim.sensor import presets
 
 
 def small():
     return dataclasses.replace(
-        sensors.load("d435"), width=64, height=48, fx_px=50.0, fy_px=50.0, cx_px=31.5, cy_px=23.5
+        presets.load("d435"), width=64, height=48, fx_px=50.0, fy_px=50.0, cx_px=31.5, cy_px=23.5
     )
 
 
 def path(moving: Motion, exposure_s: float = 0.01):
-    scene = dataclasses.replace(builtin.wall(1.0), motion=moving)
+    scene = dataclasses.replace(scenes.wall(1.0), motion=moving)
     left, _ = cameras(small(), scene.world_from_left)
-    found, _ = motion.paths(stage.Stage(scene), small(), left, exposure_s)
+    found, _ = motion.paths(mitsuba_scene.Stage(scene), small(), left, exposure_s)
     assert found is not None
     return found, left
 
@@ -50,7 +52,7 @@ def test_a_still_sensor_looks_at_the_fixed_positions_once():
     still = [(x, y, 0.0) for y in (-0.25, 0.25) for x in (-0.25, 0.25)]
     assert motion.moments(2, None) == still
     left, _ = cameras(small(), np.eye(4))
-    found = motion.paths(stage.Stage(builtin.wall(1.0)), small(), left, 0.03)
+    found = motion.paths(mitsuba_scene.Stage(scenes.wall(1.0)), small(), left, 0.03)
     assert found == (None, None)
 
 
@@ -81,23 +83,25 @@ def test_longer_smears_take_more_moments():
 
 
 def test_too_long_a_smear_is_refused():
-    scene = dataclasses.replace(builtin.wall(1.0), motion=Motion(velocity_m_s=(50.0, 0, 0)))
+    scene = dataclasses.replace(scenes.wall(1.0), motion=Motion(velocity_m_s=(50.0, 0, 0)))
     with pytest.raises(InputError, match=r"scene\.motion must blur the image by at most 100 px"):
-        render.layers(stage.Stage(scene), small(), exposure_s=0.05)
+        direct.layers(mitsuba_scene.Stage(scene), small(), exposure_s=0.05)
 
 
 def test_motion_without_a_compiler_is_refused(monkeypatch):
     monkeypatch.setattr(backend, "is_jit", lambda: False)
-    scene = dataclasses.replace(builtin.wall(1.0), motion=Motion(velocity_m_s=(1.0, 0, 0)))
-    made = stage.Stage(scene)
+    scene = dataclasses.replace(scenes.wall(1.0), motion=Motion(velocity_m_s=(1.0, 0, 0)))
+    made = mitsuba_scene.Stage(scene)
     with pytest.raises(backend.BackendError, match=r"scene\.motion must be still in scalar_rgb"):
-        render.layers(made, small())
+        direct.layers(made, small())
 
 
 def test_nothing_in_view_does_not_smear():
     scene = dataclasses.replace(
-        builtin.wall(1.0),
+        scenes.wall(1.0),
         motion=Motion(velocity_m_s=(1.0, 0, 0)),
         world_from_left=frames.pose((0, 0, 0), (0, 180, 0)),
     )
-    assert not render.layers(stage.Stage(scene), small(), exposure_s=0.01).left.ambient.any()
+    assert not direct.layers(
+        mitsuba_scene.Stage(scene), small(), exposure_s=0.01
+    ).left.ambient.any()

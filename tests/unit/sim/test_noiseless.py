@@ -7,15 +7,17 @@ import dataclasses
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sim import render, sensors, simulate
-from sim.noiseless import noiseless
-from sim.scenes import builtin
-from sim.sensor_edits import with_values
-from sim.stage import Stage
+from starling.sim import simulate
+from starling.sim.imaging.noiseless import noiseless
+from starling.sim.render import direct
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
 
 SENSOR = with_values(
     dataclasses.replace(
-        sensors.load("d415"), width=160, height=96, cx_px=80.0, cy_px=48.0, fx_px=110.0, fy_px=110.0
+        presets.load("d415"), width=160, height=96, cx_px=80.0, cy_px=48.0, fx_px=110.0, fy_px=110.0
     ),
     [
         ("imager.black_level_dn", 4.0),
@@ -26,8 +28,8 @@ SENSOR = with_values(
         ("imager.dsnu_e", 0.0),
     ],
 )
-SCENE = builtin.clutter(1)
-LAYERS = render.layers(Stage(SCENE), SENSOR)
+SCENE = scenes.clutter(1)
+LAYERS = direct.layers(Stage(SCENE), SENSOR)
 
 
 def test_it_is_the_mean_of_what_is_drawn():

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns.errors import InputError
-from sim import sensors
-from sim.layers import Image
-from sim.light.received import Received
-from sim.optics import alignment, blur, image, shading, spot, veil
-from sim.pinhole import Pinhole
-from sim.sensor import Alignment, Imager, Lens, Sensor
+from starling.patterns.errors import InputError
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.imaging.lens_input import Received
+from starling.sim.imaging.optics import alignment, blur, image, shading, spot, veil
+from starling.sim.render.layers import Image
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Alignment, Imager, Lens, Sensor
 
 PINHOLE = Pinhole(width=161, height=121, fx_px=100.0, fy_px=110.0, cx_px=70.3, cy_px=50.8)
 SHAPE = (PINHOLE.height, PINHOLE.width)
@@ -269,7 +269,7 @@ def test_the_veil_keeps_the_mean_and_adds_no_structure(share: float, seed: int) 
 def sensor_with(
     lens: Lens | None = None, alignment: Alignment | None = None, contrast: float = 0.0
 ) -> Sensor:
-    base = sensors.load("d435")
+    base = presets.load("d435")
     imager = Imager(lens=lens or Lens(), alignment=alignment or Alignment(), pixel_pitch_m=4.49e-6)
     return dataclasses.replace(
         base,

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from patterns.errors import InputError
-from sim import output
-from sim.output import OutputFolder
+from starling.patterns.errors import InputError
+from starling.sim.console import output
+from starling.sim.console.output import OutputFolder
 
 
 def _everything(folder: Path) -> set[str]:

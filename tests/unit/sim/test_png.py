@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns.errors import InputError
-from sim import png
+from starling.patterns.errors import InputError
+from starling.sim.captures import png
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])

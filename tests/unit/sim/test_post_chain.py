@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns import InputError
-from sim.depth import DepthMap, depth_from_disparity, to_code
-from sim.matcher import named
-from sim.measurement import measure
-from sim.parts.post import Post, refuse_single_frame
-from sim.post import chain
-from sim.reason import Reason
-from sim.sensor import Sensor
+from starling.patterns import InputError
+from starling.sim.reason import Reason
+from starling.sim.sensor.matcher import named
+from starling.sim.sensor.post import Post, refuse_single_frame
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import DepthMap, depth_from_disparity, to_code
+from starling.sim.stereo.measurement import measure
+from starling.sim.stereo.post import chain
 
 NAN = np.float32(np.nan)
 SENSOR = Sensor(

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from patterns import InputError
-from sim.post import decimation, hole_filling, spatial, temporal, threshold
+from starling.patterns import InputError
+from starling.sim.stereo.post import decimation, hole_filling, spatial, temporal, threshold
 
 NAN = np.float32(np.nan)
 MODES = ("left", "farthest", "nearest")

@@ -6,24 +6,25 @@ import cv2
 import numpy as np
 import pytest
 
-from patterns import InputError
-from sim import projector, sensors
-from sim.sensor import Projector
+from starling.patterns import InputError
+from starling.sim.render import emission
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Projector
 
 
-@pytest.mark.parametrize("name", sorted(projector.GENERATORS))
+@pytest.mark.parametrize("name", sorted(emission.GENERATORS))
 def test_every_generator_can_be_projected(name):
     part = Projector(pattern=name, fov_x_deg=60.0, fov_y_deg=40.0)
-    image = projector.irradiance_at_unit_distance(part)
+    image = emission.irradiance_at_unit_distance(part)
     area = 4 * np.tan(np.deg2rad(30)) * np.tan(np.deg2rad(20))
     assert image.mean(dtype=np.float64) * area == pytest.approx(1, rel=1e-3)
 
 
 def test_every_preset_names_a_pattern():
-    for name in sensors.names():
-        part = sensors.load(name).projector
-        assert part.pattern in projector.GENERATORS
-        assert {one.pattern for one in projector.emitters(part)} <= projector.GENERATORS.keys()
+    for name in presets.names():
+        part = presets.load(name).projector
+        assert part.pattern in emission.GENERATORS
+        assert {one.pattern for one in emission.emitters(part)} <= emission.GENERATORS.keys()
 
 
 LATTICES = {"d415-left": (60.32, 81.70), "d415-right": (49.22, 81.28)}  # Angle [deg], cycles.
@@ -31,8 +32,8 @@ LATTICES = {"d415-left": (60.32, 81.70), "d415-right": (49.22, 81.28)}  # Angle 
 
 def phase(name: str, seed: int) -> np.ndarray:
     """Offset (2,) of all dots of a D415's lattice from the axis, in steps of the lattice."""
-    part = sensors.load("d415").projector
-    made = projector.pattern(name, part.fov_x_deg, part.fov_y_deg, seed)
+    part = presets.load("d415").projector
+    made = emission.pattern(name, part.fov_x_deg, part.fov_y_deg, seed)
     assert made.dots is not None
     x, y = made.field.tangents(made.dots[:, 0], made.dots[:, 1], made.shape)
     cosines = np.stack([x, y], axis=1) / np.sqrt(1 + x**2 + y**2)[:, None]
@@ -60,7 +61,7 @@ def test_the_lattices_of_a_d415_are_its_own():
 
 @pytest.mark.parametrize("name", sorted(LATTICES))
 def test_dot_density_goes_into_a_lattices_pitch(name):
-    sparse, own = (projector.pattern(name, 60.0, 40.0, 0, density) for density in (0.5, 1.0))
+    sparse, own = (emission.pattern(name, 60.0, 40.0, 0, density) for density in (0.5, 1.0))
     assert sparse.dots is not None and own.dots is not None
     assert len(sparse.dots) / len(own.dots) == pytest.approx(0.5, rel=0.03)
 
@@ -70,18 +71,18 @@ def test_haze_takes_light_from_the_dots_and_spreads_it_evenly(share):
     """Also of a pattern with dark dots, whose light is lost; what lies between them stays."""
     intact = Projector(pattern="d435")
     worn = dataclasses.replace(intact, dropped_dots=0.5)
-    mean = projector.irradiance_at_unit_distance(intact).mean()
+    mean = emission.irradiance_at_unit_distance(intact).mean()
     for one in (intact, worn):
-        dots = projector.irradiance_at_unit_distance(one)
-        hazy = projector.irradiance_at_unit_distance(dataclasses.replace(one, haze=share))
+        dots = emission.irradiance_at_unit_distance(one)
+        hazy = emission.irradiance_at_unit_distance(dataclasses.replace(one, haze=share))
         np.testing.assert_allclose(hazy, (1 - share) * dots + share * mean, rtol=1e-4)
 
 
 def test_falloff_takes_light_from_the_edge_only():
     even = Projector()
     dimmed = dataclasses.replace(even, falloff=3.0)
-    ratio = projector.irradiance_at_unit_distance(dimmed) / np.maximum(
-        projector.irradiance_at_unit_distance(even), 1e-12
+    ratio = emission.irradiance_at_unit_distance(dimmed) / np.maximum(
+        emission.irradiance_at_unit_distance(even), 1e-12
     )
     rows, columns = ratio.shape
     assert ratio[rows // 2, columns // 2] == pytest.approx(1.0, abs=1e-4)
@@ -91,17 +92,17 @@ def test_falloff_takes_light_from_the_edge_only():
 
 def test_neutral_light_is_the_patterns_own_bits():
     part = Projector()
-    image = projector.pattern(part.pattern, part.fov_x_deg, part.fov_y_deg, 0).image
-    half_x, half_y = projector.half_tangents(part)
+    image = emission.pattern(part.pattern, part.fov_x_deg, part.fov_y_deg, 0).image
+    half_x, half_y = emission.half_tangents(part)
     scale = np.float32(1 / (4 * half_x * half_y))
-    assert np.array_equal(projector.irradiance_at_unit_distance(part), image * scale)
+    assert np.array_equal(emission.irradiance_at_unit_distance(part), image * scale)
 
 
 @pytest.mark.parametrize("name", ["pattern_seed", "faults_seed"])
 def test_faults_belong_to_the_pattern_and_its_device(name):
     worn = Projector(dropped_dots=0.3, shifted_dots_mrad=2.0, fov_x_deg=60.0, fov_y_deg=40.0)
     first, again, other = (
-        projector.irradiance_at_unit_distance(dataclasses.replace(worn, **{name: seed}))
+        emission.irradiance_at_unit_distance(dataclasses.replace(worn, **{name: seed}))
         for seed in (0, 0, 1)
     )
     assert np.array_equal(first, again)
@@ -111,10 +112,10 @@ def test_faults_belong_to_the_pattern_and_its_device(name):
 def test_dropped_dots_take_their_share_of_the_power():
     """Mean irradiance falls by the dark dots' share of all dots, to 4 deviations."""
     whole, worn = (
-        projector.irradiance_at_unit_distance(Projector(dropped_dots=share)).mean(dtype=np.float64)
+        emission.irradiance_at_unit_distance(Projector(dropped_dots=share)).mean(dtype=np.float64)
         for share in (0.0, 0.3)
     )
-    made = projector.pattern("d435", 90.0, 63.0, 0)
+    made = emission.pattern("d435", 90.0, 63.0, 0)
     assert made.dots is not None and made.background is not None
     power = made.dots[:, 2]
     deviation = np.sqrt(0.3 * 0.7 * (power**2).sum()) / power.sum()
@@ -131,7 +132,7 @@ def test_the_stored_projector_has_no_faults_and_stands_as_it_should():
         pattern_seed=4,
         falloff=2.0,
     )
-    assert projector.as_stored(worn) == Projector(pattern_seed=4, falloff=2.0)
+    assert emission.as_stored(worn) == Projector(pattern_seed=4, falloff=2.0)
 
 
 @pytest.mark.parametrize("name", ["d415", "image"])
@@ -143,15 +144,15 @@ def test_defocus_has_levels_of_growing_width(tmp_path, name):
         image[20::40, 20::40] = 255
         cv2.imwrite(name, image)
     part = Projector(pattern=name, defocus_mrad_m=1.0, fov_x_deg=60.0, fov_y_deg=40.0)
-    made = projector.defocused(part)
-    in_focus = projector.irradiance_at_unit_distance(part)
+    made = emission.defocused(part)
+    in_focus = emission.irradiance_at_unit_distance(part)
     assert np.array_equal(made.levels[0], in_focus)
     means = made.levels.mean(axis=(1, 2), dtype=np.float64)
     np.testing.assert_allclose(means, in_focus.mean(dtype=np.float64), rtol=0.02)
     peaks = made.levels.max(axis=(1, 2))
     assert (np.diff(peaks) < 0).all()
     widest = made.variance_mrad2 * (made.ratio ** (len(peaks) - 1) - 1)
-    assert widest >= (1 / projector.NEAREST_M - 1) ** 2
+    assert widest >= (1 / emission.NEAREST_M - 1) ** 2
 
 
 def test_dots_of_an_image_cannot_be_dropped(tmp_path):
@@ -162,7 +163,7 @@ def test_dots_of_an_image_cannot_be_dropped(tmp_path):
         Projector(pattern=path, shifted_dots_mrad=0.1),
     ):
         with pytest.raises(InputError, match="Take a generated pattern"):
-            projector.irradiance_at_unit_distance(part)
+            emission.irradiance_at_unit_distance(part)
 
 
 @pytest.mark.parametrize(
@@ -188,6 +189,6 @@ def test_ranges(field, value):
 
 def test_unknown_patterns():
     with pytest.raises(InputError, match=r"projector\.pattern must be a known name; got 'd436'"):
-        projector.irradiance_at_unit_distance(Projector(pattern="d436"))
+        emission.irradiance_at_unit_distance(Projector(pattern="d436"))
     with pytest.raises(InputError):
-        projector.irradiance_at_unit_distance(Projector(pattern="missing.png"))
+        emission.irradiance_at_unit_distance(Projector(pattern="missing.png"))

@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns.errors import InputError
-from sim import realsense, sensor_edits, sensors
-from sim.matcher import CensusSemiGlobal
-from sim.realsense import advanced_mode, controls, presets
-from sim.sensor import Sensor
+from starling.patterns.errors import InputError
+from starling.sim.sensor import edits, realsense
+from starling.sim.sensor import presets as sensors
+from starling.sim.sensor.matcher import CensusSemiGlobal
+from starling.sim.sensor.realsense import advanced_mode, controls, presets
+from starling.sim.sensor.sensor import Sensor
 
 D415 = sensors.load("d415")
 DEFAULT = presets.named("default")
@@ -111,7 +112,7 @@ def test_both_forms_of_the_file_say_the_same(tmp_path):
     one, other = advanced_mode.read(flat), advanced_mode.read(nested)
     assert other == one | {"stream-depth-format": "Z16"}
     moved, report = realsense.controlled(D415, nested)
-    level = sensor_edits.with_values(D415, [("imager.auto_exposure_level", 400 / 4096)])
+    level = edits.with_values(D415, [("imager.auto_exposure_level", 400 / 4096)])
     assert moved == level  # 0.098 in the preset.
     assert report.missing == ()
     reasons = {item.control: item.reason for item in report.unmapped}
@@ -122,7 +123,7 @@ def test_both_forms_of_the_file_say_the_same(tmp_path):
 def test_missing_controls_stay_and_are_named(tmp_path):
     only = _write(tmp_path / "one.json", {"param-leftrightthreshold": 16})
     moved, report = realsense.controlled(D415, only)
-    assert moved == sensor_edits.with_values(D415, [("matcher.checks.left_right_px", 0.5)])
+    assert moved == edits.with_values(D415, [("matcher.checks.left_right_px", 0.5)])
     assert "param-secondpeakdelta" in report.missing
     assert "param-leftrightthreshold" not in report.missing
     assert report.lines()[-1].startswith("not given, left as the sensor has it: param-secondpeak")
@@ -161,7 +162,7 @@ def test_depth_table_has_units():
     nearer, _ = _with(param__disparityshift=32)
     assert nearer.post.near_m == pytest.approx(D415.focal_baseline_px_m / (reach + 32))
     assert _with(param__depthclampmax=4000)[0].post.far_m == pytest.approx(4.0)
-    unlimited = sensor_edits.with_values(D415, [("post.near_m", 0.0)])
+    unlimited = edits.with_values(D415, [("post.near_m", 0.0)])
     shifted, _ = realsense.apply(unlimited, {"param-disparityshift": 32.0})
     assert shifted.post.near_m == 0.0
 
@@ -178,7 +179,7 @@ def test_exposure_is_by_hand_or_automatic():
     kept, report = realsense.apply(D415, controls.canonical(by_hand.items()))
     assert kept == D415
     assert {item.control for item in report.unmapped} == set(by_hand)
-    manual = sensor_edits.with_values(D415, [("imager.auto_exposure_level", 0.0)])
+    manual = edits.with_values(D415, [("imager.auto_exposure_level", 0.0)])
     with pytest.raises(InputError, match=r"autoexposure-setpoint must be given to switch auto"):
         realsense.apply(manual, {"controls-autoexposure-auto": "true"})
     level, _ = realsense.apply(
@@ -281,6 +282,6 @@ def test_unknown_presets_files_and_sensors_are_refused(tmp_path):
         realsense.controlled(D415, str(tmp_path / "none.json"))
     with pytest.raises(InputError, match="sensor must be a stereo pair to take RealSense controls"):
         realsense.controlled(sensors.load("kinect-v1"), "default")
-    fast = sensor_edits.apply(D415, ["matcher.setting=fast"])
+    fast = edits.apply(D415, ["matcher.setting=fast"])
     with pytest.raises(InputError, match=r"must be CensusSemiGlobal .*; got SemiGlobalBlock"):
         realsense.controlled(fast, "default")

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim import sensors
-from sim.layers import View
-from sim.light.received import received
-from sim.scenes import builtin
+from starling.sim.imaging.lens_input import received
+from starling.sim.render.layers import View
+from starling.sim.scene.builtin import scenes
+from starling.sim.sensor import presets
 
 ONE = np.ones((4, 5), np.float32)
 VIEW = View(
@@ -19,7 +19,7 @@ VIEW = View(
     depth_m=ONE,
     body=np.ones((4, 5), np.uint32),
 )
-SENSOR, SCENE = sensors.load("d435"), builtin.clutter(0)
+SENSOR, SCENE = presets.load("d435"), scenes.clutter(0)
 
 
 def laser(flicker: float, interreflection: float, frames: int = 1) -> np.ndarray:

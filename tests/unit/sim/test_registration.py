@@ -7,9 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from patterns import InputError
-from sim import registration, sensors
-from sim.sensor import Colour, Sensor
+from starling.patterns import InputError
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Colour, Sensor
+from starling.sim.stereo import registration
 
 SIZE = (120, 160)
 
@@ -26,7 +27,7 @@ def _sensor(position_m: tuple[float, float, float], scale: float = 1.0) -> Senso
         position_m=position_m,
     )
     return dataclasses.replace(
-        sensors.load("d435"),
+        presets.load("d435"),
         width=width,
         height=height,
         fx_px=100.0,
@@ -82,6 +83,6 @@ def test_holes_stay_holes_and_what_is_behind_the_camera_is_left_out() -> None:
 
 
 def test_a_sensor_without_colour_camera_is_refused() -> None:
-    sensor = dataclasses.replace(sensors.load("d435"), colour=None)
+    sensor = dataclasses.replace(presets.load("d435"), colour=None)
     with pytest.raises(InputError, match=r"needs a colour camera; got none in d435"):
         registration.register(_box(), sensor)

@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim import render, sensor_edits, sensors, stage
-from sim.scenes import furniture
-from sim.scenes.room import room
+from starling.sim.render import direct, mitsuba_scene
+from starling.sim.scene.builtin import furniture
+from starling.sim.scene.builtin.room import room
+from starling.sim.sensor import edits, presets
 
 SMALL = {"width": 128, "height": 72, "fx_px": 90.0, "fy_px": 90.0, "cx_px": 63.5, "cy_px": 35.5}
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_every_ray_ends_within_the_room(seed: int):
-    sensor = sensor_edits.with_values(sensors.load("d415"), SMALL.items())
-    depth_m = render.layers(stage.Stage(room(seed)), sensor, subpixels=1).truth.depth_m
+    sensor = edits.with_values(presets.load("d415"), SMALL.items())
+    depth_m = direct.layers(mitsuba_scene.Stage(room(seed)), sensor, subpixels=1).truth.depth_m
     assert np.isfinite(depth_m).all()
     assert depth_m.min() > 0.3 and depth_m.max() < 11
 

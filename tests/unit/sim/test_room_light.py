@@ -9,21 +9,24 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from patterns.errors import InputError
-from sim import capture_info, png, sensors, simulate
-from sim import imager as imagers
-from sim.capture import CapturedScene, open_set
-from sim.capture_writer import info_of
-from sim.depth import to_code
-from sim.light.signals import Signals
-from sim.scenes import captured, room_light
-from sim.scenes.room_light import Lit
-from sim.sensor import Sensor
-from sim.sensor_edits import with_values
+from starling.patterns.errors import InputError
+from starling.sim import simulate
+from starling.sim.captures import info as capture_info
+from starling.sim.captures import png
+from starling.sim.captures.capture import CapturedScene, open_set
+from starling.sim.captures.writer import info_of
+from starling.sim.imaging import imager
+from starling.sim.imaging.signals import Signals
+from starling.sim.scene.captured import captured_scene, room_light
+from starling.sim.scene.captured.room_light import Lit
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import to_code
 
 # A D415's pixels and dots, of which a part is enough; nothing is known of the pattern's place.
 SENSOR = with_values(
-    sensors.load("d415"),
+    presets.load("d415"),
     [("width", 480), ("height", 270), ("cx_px", 239.5), ("cy_px", 134.5)],
 )
 BELIEVED = with_values(SENSOR, [("projector.rotation_deg", [1.3, 0.7, 0.0])])
@@ -63,7 +66,7 @@ def room(
     (scene / "0" / "ir_left.png").write_bytes(png.encode(even))
     (scene / "0" / "ir_right.png").write_bytes(png.encode(even))
     (known,) = open_set(folder).scenes
-    lit = captured.surface(known, Lit(painted(), ambient_w_m2, share))
+    lit = captured_scene.surface(known, Lit(painted(), ambient_w_m2, share))
     for name, sensor in (("ir_left", by), ("ir_left_off", DARK))[: 1 + off]:
         shot = simulate.simulate(lit, sensor, seed=5)
         (scene / "0" / f"{name}.png").write_bytes(png.encode(shot.ir_left))
@@ -75,7 +78,7 @@ def test_dots_tell_how_bright_a_room_is(ambient, tmp_path):
     """Within a tenth where the pattern is the sensor's but lies elsewhere; the laser's light, which
     makes near surfaces bright, is in no reflectance: level alone would be off by a fifth."""
     scene = room(tmp_path / "set", ambient)
-    found = captured.lit(scene, BELIEVED, smoothing_px=6.0, within_surfaces=True)
+    found = captured_scene.lit(scene, BELIEVED, smoothing_px=6.0, within_surfaces=True)
     assert found.ambient_w_m2 == pytest.approx(ambient, rel=0.1)
     inside = cv2.erode(np.ones(SHAPE, np.uint8), np.ones((41, 41), np.uint8)) > 0
     fields = np.abs(cv2.Laplacian(cv2.blur(painted(), (31, 31)), cv2.CV_32F)) < 1e-6
@@ -88,7 +91,9 @@ def test_a_room_is_as_bright_at_the_images_borders_as_beside_them(tmp_path):
     lens = [("imager.lens.blur_px", 1.5), ("imager.smoothing_px", 1.5)]
     noiseless = [("imager.shot_noise", 0.0), ("imager.read_noise_e", 0.0)]
     still = with_values(DARK, [*lens, *noiseless])
-    scene = captured.surface(room(tmp_path / "set", 1.0), Lit(np.full(SHAPE, 0.5, np.float32), 1.0))
+    scene = captured_scene.surface(
+        room(tmp_path / "set", 1.0), Lit(np.full(SHAPE, 0.5, np.float32), 1.0)
+    )
     left = simulate.simulate(scene, still).ir_left.astype(float)
     for side in (left, left[::-1], left.T[:, 220:], left.T[::-1, 220:]):
         assert side[0].mean() == pytest.approx(side[12].mean(), rel=0.02)
@@ -96,18 +101,20 @@ def test_a_room_is_as_bright_at_the_images_borders_as_beside_them(tmp_path):
 
 def test_a_room_without_projector_is_lit_as_rooms_are(tmp_path):
     scene = room(tmp_path / "set", 1.0)
-    assert captured.lit(scene, DARK, smoothing_px=6.0).ambient_w_m2 == room_light.LIT_ROOM_W_M2
+    assert (
+        captured_scene.lit(scene, DARK, smoothing_px=6.0).ambient_w_m2 == room_light.LIT_ROOM_W_M2
+    )
 
 
 def test_where_no_dot_is_seen_light_is_bright(tmp_path):
     scene = room(tmp_path / "set", 1.0, by=DARK)
-    assert captured.lit(scene, SENSOR, smoothing_px=6.0).ambient_w_m2 > 10
+    assert captured_scene.lit(scene, SENSOR, smoothing_px=6.0).ambient_w_m2 > 10
 
 
 def test_with_the_projector_off_reflectance_is_seen_as_it_is(tmp_path):
     """Each pixel's, but for noise; the lens darkens its corners, which is in no reflectance."""
     scene = room(tmp_path / "set", 0.5, off=True)
-    found = captured.lit(scene, BELIEVED)
+    found = captured_scene.lit(scene, BELIEVED)
     assert found.ambient_w_m2 == pytest.approx(0.5, rel=0.1)
     smooth = cv2.GaussianBlur(found.reflectance, (0, 0), 3.0)
     inner = (slice(15, 120), slice(15, 145))
@@ -124,7 +131,7 @@ def test_with_the_projector_off_reflectance_is_seen_as_it_is(tmp_path):
 def test_a_sensor_of_another_size_gets_that_of_the_captures(tmp_path):
     scene = room(tmp_path / "set", 0.4)
     wide = with_values(SENSOR, [("width", 1280), ("cx_px", 639.5)])
-    found = captured.lit(scene, wide, smoothing_px=6.0)
+    found = captured_scene.lit(scene, wide, smoothing_px=6.0)
     assert found.reflectance.shape == SHAPE
     assert found.ambient_w_m2 == pytest.approx(0.4, rel=0.1)
 
@@ -132,7 +139,7 @@ def test_a_sensor_of_another_size_gets_that_of_the_captures(tmp_path):
 def test_smoothing_is_refused_where_it_cannot_be(tmp_path):
     scene = room(tmp_path / "set", 0.4)
     with pytest.raises(InputError, match=r"^smoothing_px must "):
-        captured.lit(scene, SENSOR, smoothing_px=-1.0)
+        captured_scene.lit(scene, SENSOR, smoothing_px=-1.0)
 
 
 def test_what_is_smoothed_is_parted_where_the_surface_is(tmp_path):
@@ -147,7 +154,9 @@ def test_what_is_smoothed_is_parted_where_the_surface_is(tmp_path):
     plain = with_values(DARK, [("imager.lens.vignetting", 0.0), ("left.black_level_dn", 4.0)])
     beside = (slice(100, 150), slice(SHAPE[1] // 2 - 1, SHAPE[1] // 2 + 1))
     parted, mixed = (
-        captured.lit(scene, plain, smoothing_px=6.0, within_surfaces=within).reflectance[beside]
+        captured_scene.lit(scene, plain, smoothing_px=6.0, within_surfaces=within).reflectance[
+            beside
+        ]
         for within in (True, False)
     )
     assert_allclose(parted, np.tile([0.5 * 100 / 75, 0.5 * 50 / 75], (50, 1)), rtol=0.03)
@@ -180,7 +189,7 @@ def test_a_room_without_other_light_is_dark():
     light = Signals(laser=spots, ambient=np.ones_like(spots), other=np.zeros_like(spots))
     left = SENSOR.left
     electrons = spots / spots.max() * np.float32(150 / left.dn_per_electron)
-    read = imagers.read_out(
+    read = imager.read_out(
         left, electrons, exposure_s=left.exposure_s, unit=0, side="left", seed=9, frame=0
     ).delivered.astype(np.float32)
     found = room_light.ambient_w_m2(read - np.float32(left.black_level_dn), light, left)

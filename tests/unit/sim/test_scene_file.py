@@ -9,9 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns.errors import InputError
-from sim import capture, frames, scene_file
-from sim.scene_file import KnownMaterial, SceneFile
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture
+from starling.sim.geometry import frames
+from starling.sim.scene import scene_file
+from starling.sim.scene.scene_file import KnownMaterial, SceneFile
 
 TEXT = """scene = "table.ply"
 left_from_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.8], [0, 0, 0, 1]]

@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from patterns import InputError
-from sim import frames, render, scenes, sensors, simulate, stage
-from sim.scene import Ambient, Body, Material, Mesh, Scene
-from sim.scenes import builtin, mesh_file
+from starling.patterns import InputError
+from starling.sim import simulate
+from starling.sim.geometry import frames
+from starling.sim.render import direct, mitsuba_scene
+from starling.sim.scene import mesh as mesh_file
+from starling.sim.scene import sources
+from starling.sim.scene.builtin import scenes as builtin
+from starling.sim.scene.scene import Ambient, Body, Material, Mesh, Scene
+from starling.sim.sensor import presets
 
-SENSOR = sensors.load("d435")
+SENSOR = presets.load("d435")
 GREY = Material(name="grey")
 
 XML = """<scene version="3.0.0">
@@ -24,9 +29,9 @@ XML = """<scene version="3.0.0">
 
 @pytest.mark.parametrize("word", ["wall", "wall:0.7", "staircase", "tabletop:3", "clutter:1"])
 def test_builtin_scenes_are_what_their_word_says(word):
-    scene = scenes.load(word, SENSOR)
+    scene = sources.load(word, SENSOR)
     assert scene.bodies
-    again = scenes.load(word, SENSOR)
+    again = sources.load(word, SENSOR)
     for one, other in zip(scene.bodies, again.bodies, strict=True):
         assert np.array_equal(one.mesh.vertices, other.mesh.vertices)
 
@@ -44,7 +49,7 @@ def test_clutter_holds_every_kind_of_surface():
 
 
 def test_staircase_stands_at_its_depths():
-    truth = render.layers(stage.Stage(builtin.staircase(0.8)), SENSOR).truth
+    truth = direct.layers(mitsuba_scene.Stage(builtin.staircase(0.8)), SENSOR).truth
     depths = np.unique(np.round(truth.depth_m[SENSOR.height // 2], 4))
     expected = 0.8 * 1.25 ** np.arange(9)
     assert all(np.abs(expected - depth).min() < 1e-3 for depth in depths)
@@ -65,15 +70,15 @@ def test_staircase_stands_at_its_depths():
 )
 def test_unknown_words(word, message):
     with pytest.raises(InputError, match=message):
-        scenes.load(word, SENSOR)
+        sources.load(word, SENSOR)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])
 def test_a_mesh_is_seen_whole_and_centred(tmp_path, suffix):
     path = tmp_path / f"ball{suffix}"
     trimesh.creation.icosphere(3, 0.2).apply_translation([1.0, 2.0, 3.0]).export(path)
-    scene = scenes.load(str(path), SENSOR)
-    truth = render.layers(stage.Stage(scene), SENSOR).truth
+    scene = sources.load(str(path), SENSOR)
+    truth = direct.layers(mitsuba_scene.Stage(scene), SENSOR).truth
     rows, columns = np.nonzero(truth.material)
     assert rows.min() > 0 and rows.max() < SENSOR.height - 1
     assert columns.min() > 0 and columns.max() < SENSOR.width - 1
@@ -86,8 +91,8 @@ def test_meshes_stand_upright(tmp_path):
     stick = trimesh.creation.box((0.02, 1.0, 0.02))
     ball = trimesh.creation.icosphere(3, 0.2).apply_translation([0.0, 0.5, 0.0])
     trimesh.util.concatenate([stick, ball]).export(tmp_path / "pin.ply")
-    scene = scenes.load(str(tmp_path / "pin.ply"), SENSOR)
-    seen = render.layers(stage.Stage(scene), SENSOR).truth.material > 0
+    scene = sources.load(str(tmp_path / "pin.ply"), SENSOR)
+    seen = direct.layers(mitsuba_scene.Stage(scene), SENSOR).truth.material > 0
     rows = np.nonzero(seen)[0]
     middle = (rows.min() + rows.max()) // 2
     assert seen[:middle].sum() > 3 * seen[middle:].sum()
@@ -103,19 +108,19 @@ def test_refused_meshes(tmp_path):
         "points.ply": "scene must hold triangles",
     }.items():
         with pytest.raises(InputError, match=message) as caught:
-            scenes.load(str(tmp_path / name), SENSOR)
+            sources.load(str(tmp_path / name), SENSOR)
         assert "\n" not in str(caught.value)
 
 
 def test_what_cannot_be_metres_is_refused(tmp_path):
     trimesh.creation.box((300.0, 200.0, 100.0)).export(tmp_path / "millimetres.ply")
     trimesh.Trimesh([[1.0, 1, 1]] * 3, [[0, 1, 2]], process=False).export(tmp_path / "point.obj")
-    large = scenes.load(str(tmp_path / "millimetres.ply"), SENSOR)
+    large = sources.load(str(tmp_path / "millimetres.ply"), SENSOR)
     with pytest.raises(InputError, match="scene extent must be at most 100 m; got 300 m"):
-        stage.Stage(large)
-    point = scenes.load(str(tmp_path / "point.obj"), SENSOR)
+        mitsuba_scene.Stage(large)
+    point = sources.load(str(tmp_path / "point.obj"), SENSOR)
     with pytest.raises(InputError, match="scene extent must be > 0"):
-        stage.Stage(point)
+        mitsuba_scene.Stage(point)
 
 
 def test_the_camera_may_not_stand_inside_a_body(tmp_path):
@@ -123,17 +128,17 @@ def test_the_camera_may_not_stand_inside_a_body(tmp_path):
     inside = frames.pose((0.1, 0.2, 0.0))
     trimesh.creation.box((1.0, 1.0, 1.0)).export(path)
     with pytest.raises(InputError, match="camera must stand outside every body"):
-        stage.Stage(mesh_file.load(path, SENSOR, inside))
+        mitsuba_scene.Stage(mesh_file.load(path, SENSOR, inside))
     room = trimesh.creation.box((3.0, 3.0, 3.0))
     room.invert()
     room.export(path)
-    assert stage.Stage(mesh_file.load(path, SENSOR, inside)).shapes
+    assert mitsuba_scene.Stage(mesh_file.load(path, SENSOR, inside)).shapes
 
 
 def test_small_things_are_not_looked_at_from_too_near(tmp_path):
     path = tmp_path / "small.ply"
     trimesh.creation.box((0.03, 0.03, 0.03)).export(path)
-    truth = render.layers(stage.Stage(scenes.load(str(path), SENSOR)), SENSOR).truth
+    truth = direct.layers(mitsuba_scene.Stage(sources.load(str(path), SENSOR)), SENSOR).truth
     assert np.nanmin(truth.depth_m) > SENSOR.post.near_m
     assert np.nanmin(truth.depth_m) > SENSOR.focal_baseline_px_m / SENSOR.matcher.search_px
 
@@ -142,7 +147,7 @@ def test_light_comes_from_above_in_files(tmp_path):
     """Files have y up: the top face of a box is brighter than its front."""
     path = tmp_path / "box.ply"
     trimesh.creation.box((0.4, 0.4, 0.4)).export(path)
-    layers = render.layers(stage.Stage(scenes.load(str(path), SENSOR)), SENSOR)
+    layers = direct.layers(mitsuba_scene.Stage(sources.load(str(path), SENSOR)), SENSOR)
     top = np.nan_to_num(layers.truth.normal[..., 1]) < -0.8
     front = np.nan_to_num(layers.truth.normal[..., 2]) < -0.8
     assert layers.left.ambient[top].mean() > layers.left.ambient[front].mean()
@@ -150,8 +155,8 @@ def test_light_comes_from_above_in_files(tmp_path):
 
 def test_a_mitsuba_xml_is_seen_by_its_own_sensor(tmp_path):
     (tmp_path / "ball.xml").write_text(XML)
-    scene = scenes.load(str(tmp_path / "ball.xml"), SENSOR)
-    layers = render.layers(stage.Stage(scene), SENSOR)
+    scene = sources.load(str(tmp_path / "ball.xml"), SENSOR)
+    layers = direct.layers(mitsuba_scene.Stage(scene), SENSOR)
     row, column = round(SENSOR.cy_px), round(SENSOR.cx_px)
     assert layers.truth.depth_m[row, column] == pytest.approx(1.5, abs=1e-3)
     assert layers.left.ambient[row, column] > 0
@@ -162,8 +167,8 @@ def test_an_xml_without_a_sensor_is_seen_as_mitsuba_would(tmp_path):
     text = '<scene version="3.0.0"><shape type="sphere"><float name="radius" value="0.1"/>'
     text += '<point name="center" x="0.2" y="0.3" z="2"/></shape></scene>'
     (tmp_path / "ball.xml").write_text(text)
-    scene = scenes.load(str(tmp_path / "ball.xml"), SENSOR)
-    rows, columns = np.nonzero(render.layers(stage.Stage(scene), SENSOR).truth.material)
+    scene = sources.load(str(tmp_path / "ball.xml"), SENSOR)
+    rows, columns = np.nonzero(direct.layers(mitsuba_scene.Stage(scene), SENSOR).truth.material)
     assert columns.mean() < SENSOR.cx_px and rows.mean() < SENSOR.cy_px
 
 
@@ -174,7 +179,7 @@ def test_lamps_of_an_xml_give_no_light(tmp_path):
     seen = []
     for name, inner in (("on", light), ("off", "")):
         (tmp_path / f"{name}.xml").write_text(XML.replace("</scene>", lamp.format(inner)))
-        scene = scenes.load(str(tmp_path / f"{name}.xml"), SENSOR)
+        scene = sources.load(str(tmp_path / f"{name}.xml"), SENSOR)
         seen.append(
             simulate.simulate(
                 dataclasses.replace(scene, interreflection=1.0), SENSOR, samples=2
@@ -191,12 +196,12 @@ def test_an_xml_finds_the_meshes_beside_it(tmp_path):
         '<float name="radius" value="0.5"/>', '<string name="filename" value="ball.ply"/>'
     )
     (tmp_path / "scene.xml").write_text(text)
-    assert scenes.load(str(tmp_path / "scene.xml"), SENSOR).shapes
+    assert sources.load(str(tmp_path / "scene.xml"), SENSOR).shapes
 
 
 def test_reading_an_xml_prints_nothing(tmp_path, capfd):
     (tmp_path / "ball.xml").write_text(XML)
-    scenes.load(str(tmp_path / "ball.xml"), SENSOR)
+    sources.load(str(tmp_path / "ball.xml"), SENSOR)
     assert capfd.readouterr().out == ""
 
 
@@ -215,7 +220,7 @@ def test_reading_an_xml_prints_nothing(tmp_path, capfd):
 def test_refused_xml(tmp_path, text, message):
     (tmp_path / "scene.xml").write_text(text)
     with pytest.raises(InputError, match=message):
-        scenes.load(str(tmp_path / "scene.xml"), SENSOR)
+        sources.load(str(tmp_path / "scene.xml"), SENSOR)
 
 
 def test_refused_meshes_in_memory():

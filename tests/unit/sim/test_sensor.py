@@ -8,12 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from patterns.errors import InputError
-from sim import asked_sensor, capture_info, sensor_edits, sensors
-from sim.capture_writer import info_of
-from sim.matcher import Block, CensusSemiGlobal, named
-from sim.parts.emitter import Emitter
-from sim.sensor import Imager, Lens, Post, Projector, Sensor
+from starling.patterns.errors import InputError
+from starling.sim.captures import info as capture_info
+from starling.sim.captures.writer import info_of
+from starling.sim.sensor import edits as sensor_edits
+from starling.sim.sensor import presets, resolve
+from starling.sim.sensor.emitter import Emitter
+from starling.sim.sensor.matcher import Block, CensusSemiGlobal, named
+from starling.sim.sensor.sensor import Imager, Lens, Post, Projector, Sensor
 
 GEOMETRY = {
     "name": "mine",
@@ -31,40 +33,40 @@ def _sensor() -> Sensor:
     return Sensor(**GEOMETRY)
 
 
-@pytest.mark.parametrize("name", sensors.names())
+@pytest.mark.parametrize("name", presets.names())
 def test_presets_survive_the_round_trip(name: str, tmp_path: Path) -> None:
-    preset = sensors.load(name)
+    preset = presets.load(name)
     path = tmp_path / "copy.toml"
-    path.write_text(sensors.dumps(preset))
-    assert sensors.load(str(path)) == preset
+    path.write_text(presets.dumps(preset))
+    assert presets.load(str(path)) == preset
     assert preset.name == name
 
 
-@pytest.mark.parametrize("name", sensors.names())
+@pytest.mark.parametrize("name", presets.names())
 def test_every_number_of_a_preset_has_its_source(name: str) -> None:
     """A number without a comment shares the one of the line above (width and height)."""
-    lines = sensors.text(name).splitlines()
+    lines = presets.text(name).splitlines()
     numbers = [at for at, line in enumerate(lines) if re.match(r"\w+ = [\d.\[-]", line)]
     assert len(numbers) > 20
     assert [lines[at] for at in numbers if "#" not in lines[at] + lines[at - 1]] == []
 
 
 def test_defaults_are_neutral_and_survive(tmp_path: Path) -> None:
-    (tmp_path / "x.toml").write_text(sensors.dumps(_sensor()))
-    assert sensors.load(str(tmp_path / "x.toml")) == _sensor()
+    (tmp_path / "x.toml").write_text(presets.dumps(_sensor()))
+    assert presets.load(str(tmp_path / "x.toml")) == _sensor()
 
 
 def test_unknown_preset_lists_the_known_nearest_first() -> None:
     with pytest.raises(InputError, match=r"sensor must be a known name; got 'd436'. Known: d435,"):
-        sensors.load("d436")
+        presets.load("d436")
     with pytest.raises(InputError, match=r"sensor must be a known name; got 'd4'"):
-        sensors.text("d4")
+        presets.text("d4")
 
 
 def test_right_imager_is_as_the_left_unless_said() -> None:
     table = {**GEOMETRY, "left": {"gain": 2.0}}
-    assert sensors.from_table(table).right == Imager(gain=2.0)
-    assert sensors.from_table({**table, "right": {}}).right == Imager()
+    assert presets.from_table(table).right == Imager(gain=2.0)
+    assert presets.from_table({**table, "right": {}}).right == Imager()
 
 
 @pytest.mark.parametrize(
@@ -73,14 +75,14 @@ def test_right_imager_is_as_the_left_unless_said() -> None:
 def test_a_table_beside_a_setting_edits_what_it_tells(told: dict) -> None:
     """All else of the part stays as the setting has it; a part with a kind is another."""
     stock, edited = (
-        sensors.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **more}}).matcher
+        presets.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **more}}).matcher
         for more in ({}, told)
     )
     assert stock.refinement.smooth_px > 0
     refinement = dataclasses.replace(stock.refinement, locking_px=-0.04)
     assert edited == dataclasses.replace(stock, refinement=refinement)
     engine = {"engine": {"kind": "Block"}}
-    other = sensors.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **engine}}).matcher
+    other = presets.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **engine}}).matcher
     assert other == dataclasses.replace(stock, engine=Block())
 
 
@@ -91,7 +93,7 @@ def test_only_the_whole_of_an_edited_setting_has_to_be_possible(
     """Whichever is told first: one alone may not go with what the setting has."""
     told = dict(zip(("small_penalty", "large_penalty"), penalties, strict=True))
     for engine in (told, dict(reversed(told.items()))):
-        edited = sensors.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", "engine": engine}})
+        edited = presets.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", "engine": engine}})
         found = edited.matcher.engine
         assert isinstance(found, CensusSemiGlobal)
         assert (found.small_penalty, found.large_penalty) == penalties
@@ -100,22 +102,22 @@ def test_only_the_whole_of_an_edited_setting_has_to_be_possible(
 @pytest.mark.parametrize("told", [{"refinement": 3}, {"search_px": {"most": 3}}])
 def test_a_part_that_is_edited_stays_a_part(told: dict) -> None:
     with pytest.raises(InputError, match=r"matcher\.(refinement|search_px) must be"):
-        sensors.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **told}})
+        presets.from_table({**GEOMETRY, "matcher": {"setting": "d4xx", **told}})
 
 
 def test_presets_of_the_d4_family_have_its_matcher() -> None:
     """But for what a D415's own pairs tell of its refinement."""
     stock = named("d4xx")
-    assert sensors.load("d435").matcher == sensors.load("d455").matcher == stock
+    assert presets.load("d435").matcher == presets.load("d455").matcher == stock
     of_pairs = {"locking_px": -0.04, "smooth_px": 17, "smooth_rows_px": 9}
     refinement = dataclasses.replace(stock.refinement, **of_pairs)
-    assert sensors.load("d415").matcher == dataclasses.replace(stock, refinement=refinement)
+    assert presets.load("d415").matcher == dataclasses.replace(stock, refinement=refinement)
 
 
 def test_a_setting_may_be_edited_in_the_file() -> None:
-    stock = sensors.from_table({**GEOMETRY, "matcher": {"setting": "fast"}}).matcher
+    stock = presets.from_table({**GEOMETRY, "matcher": {"setting": "fast"}}).matcher
     table = {"setting": "fast", "search_px": 64}
-    edited = sensors.from_table({**GEOMETRY, "matcher": table}).matcher
+    edited = presets.from_table({**GEOMETRY, "matcher": table}).matcher
     assert edited == dataclasses.replace(stock, search_px=64)
 
 
@@ -137,12 +139,12 @@ def test_a_setting_may_be_edited_in_the_file() -> None:
 def test_wrong_files_are_refused(tmp_path: Path, content: bytes, message: str) -> None:
     (tmp_path / "x.toml").write_bytes(content)
     with pytest.raises(InputError, match=message):
-        sensors.load(str(tmp_path / "x.toml"))
+        presets.load(str(tmp_path / "x.toml"))
 
 
 def test_missing_file_is_refused() -> None:
     with pytest.raises(InputError, match=r"sensor must be a readable file; got nowhere.toml"):
-        sensors.load("nowhere.toml")
+        presets.load("nowhere.toml")
 
 
 @pytest.mark.parametrize(
@@ -204,7 +206,7 @@ def test_only_the_outcome_of_edits_must_be_possible() -> None:
 
 def test_matcher_setting_is_edited_by_its_name() -> None:
     fast = sensor_edits.apply(_sensor(), ["matcher.setting=fast"])
-    assert fast.matcher == sensors.from_table({**GEOMETRY, "matcher": {"setting": "fast"}}).matcher
+    assert fast.matcher == presets.from_table({**GEOMETRY, "matcher": {"setting": "fast"}}).matcher
     with pytest.raises(InputError, match=r"matcher.setting must be a known name"):
         sensor_edits.apply(_sensor(), ["matcher.setting=[1]"])
 
@@ -245,7 +247,7 @@ def test_another_kind_starts_from_its_defaults() -> None:
     edits = ["matcher.engine.kind=Block", "matcher.engine.block_px=21"]
     assert sensor_edits.apply(_sensor(), edits).matcher.engine == Block(block_px=21)
     same = ["matcher.engine.kind=CensusSemiGlobal"]
-    assert sensor_edits.apply(sensors.load("d435"), same) == sensors.load("d435")
+    assert sensor_edits.apply(presets.load("d435"), same) == presets.load("d435")
 
 
 def test_a_pattern_file_is_found_from_elsewhere(
@@ -253,32 +255,32 @@ def test_a_pattern_file_is_found_from_elsewhere(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for name, kept in {"dots.png": str(tmp_path / "dots.png"), "d415": "d415"}.items():
-        sensor = asked_sensor.load("d435", captures="wall", edits=[f"projector.pattern={name}"])
+        sensor = resolve.load("d435", captures="wall", edits=[f"projector.pattern={name}"])
         assert sensor.projector.pattern == kept
 
 
 def test_a_file_of_the_captures_camera_keeps_its_geometry(tmp_path: Path) -> None:
     """A preset, and a file of another camera, take that of the captures."""
-    preset = sensors.load("d415")
+    preset = presets.load("d415")
     info = info_of(preset, source="test", licence="none", notes="")
     (tmp_path / "capture.toml").write_text(capture_info.dumps(info))
     (tmp_path / "room" / "0").mkdir(parents=True)
     moved = {"calibrated": ("baseline_m", 0.0552), "other": ("cx_px", preset.cx_px + 20)}
     for name, (field, value) in moved.items():
         one = dataclasses.replace(preset, **{field: value})
-        (tmp_path / f"{name}.toml").write_text(sensors.dumps(one))
-        loaded = asked_sensor.load(str(tmp_path / f"{name}.toml"), captures=str(tmp_path))
+        (tmp_path / f"{name}.toml").write_text(presets.dumps(one))
+        loaded = resolve.load(str(tmp_path / f"{name}.toml"), captures=str(tmp_path))
         expected = value if name == "calibrated" else getattr(preset, field)
         assert getattr(loaded, field) == expected
     small = dataclasses.replace(preset, width=640, height=360)
     assert not info.are_of(small)
     longer = dataclasses.replace(info, fx_px=info.fx_px * 1.03)
     (tmp_path / "capture.toml").write_text(capture_info.dumps(longer))
-    assert asked_sensor.load("d415", captures=str(tmp_path)).fx_px == longer.fx_px
+    assert resolve.load("d415", captures=str(tmp_path)).fx_px == longer.fx_px
 
 
 def test_a_pattern_that_nothing_would_show_is_refused() -> None:
-    sensor = sensors.load("d415")
+    sensor = presets.load("d415")
     with pytest.raises(InputError, match=r"projector.pattern must not be set .*; got 'd435'\. Set"):
         sensor_edits.apply(sensor, ["projector.pattern=d435"])
     edits = ["projector.pattern=d435", "projector.emitters=[]"]
@@ -291,8 +293,8 @@ def test_emitters_survive_the_round_trip(tmp_path: Path) -> None:
     emitters = (Emitter(offset_m=(-1e-3, 0, 0), power_share=2.0), Emitter(pattern="d415"))
     light = Projector(emitters=emitters, pattern_scale=1.002)
     sensor = dataclasses.replace(_sensor(), projector=light)
-    (tmp_path / "x.toml").write_text(sensors.dumps(sensor))
-    assert sensors.load(str(tmp_path / "x.toml")) == sensor
+    (tmp_path / "x.toml").write_text(presets.dumps(sensor))
+    assert presets.load(str(tmp_path / "x.toml")) == sensor
     text = '[{offset_m = [-0.001, 0, 0], power_share = 2}, {pattern = "d415"}]'
     edits = [f"projector.emitters={text}", "projector.pattern_scale=1.002"]
     assert sensor_edits.apply(_sensor(), edits) == sensor
@@ -308,17 +310,17 @@ def test_a_sensor_files_patterns_lie_beside_it(
     """The folder can be moved; an edit's file is looked for from where it is typed."""
     emitters = (Emitter(pattern="a/0.png"), Emitter(pattern="d415"), Emitter())
     light = Projector(pattern="all.png", emitters=emitters)
-    text = sensors.dumps(dataclasses.replace(_sensor(), projector=light))
+    text = presets.dumps(dataclasses.replace(_sensor(), projector=light))
     for folder in ("here", "moved"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "mine.toml").write_text(text)
         monkeypatch.chdir(tmp_path)
         for name in (f"{folder}/mine.toml", str(tmp_path / folder / "mine.toml")):
-            part = sensors.load(name).projector
+            part = presets.load(name).projector
             assert part.pattern == str(tmp_path / folder / "all.png")
             patterns = [emitter.pattern for emitter in part.emitters]
             assert patterns == [str(tmp_path / folder / "a" / "0.png"), "d415", ""]
-        edited = asked_sensor.load(name, edits=["projector.pattern=b/typed.png"]).projector
+        edited = resolve.load(name, edits=["projector.pattern=b/typed.png"]).projector
         assert edited.pattern == str(tmp_path / "b" / "typed.png")
         assert edited.emitters == part.emitters
 

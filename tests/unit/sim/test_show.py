@@ -9,10 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from patterns.errors import InputError
-from sim import capture, exr, show, show_captures
-from sim.depth import DepthMap
-from sim.layers import Layers, Truth, View
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture, exr
+from starling.sim.commands import show_captures
+from starling.sim.plotting import capture_picture
+from starling.sim.render.layers import Layers, Truth, View
+from starling.sim.stereo.depth import DepthMap
 
 
 def _decode(data: bytes) -> np.ndarray:
@@ -42,11 +44,11 @@ def _add_reasons(frame: Path, shape: tuple[int, int] = (48, 160)) -> None:
 
 def test_draws_two_columns_of_panels(small_set: Path) -> None:
     scene = capture.open_set(small_set).scenes[0]
-    image = _decode(show.picture(scene))
+    image = _decode(capture_picture.picture(scene))
     assert image.shape[1] > 1000
     assert len(np.unique(image.reshape(-1, 3), axis=0)) > 100
     _add_reasons(small_set / "a" / "0")
-    taller = _decode(show.picture(scene))  # The legend of fourteen reasons takes room.
+    taller = _decode(capture_picture.picture(scene))  # The legend of fourteen reasons takes room.
     assert taller.shape[0] > image.shape[0]
 
 
@@ -56,10 +58,10 @@ def test_draws_what_there_is(small_set: Path) -> None:
     (small_set / "a" / "truth.png").unlink()
     (small_set / "b" / "0" / "depth.png").unlink()
     first, second = capture.open_set(small_set).scenes
-    assert _decode(show.picture(first)).size
-    assert _decode(show.picture(second)).size
+    assert _decode(capture_picture.picture(first)).size
+    assert _decode(capture_picture.picture(second)).size
     with pytest.raises(InputError, match="must have an image in common"):
-        show.picture(first, against=second)
+        capture_picture.picture(first, against=second)
 
 
 def test_draws_depth_that_is_all_holes(small_set: Path) -> None:
@@ -67,21 +69,21 @@ def test_draws_depth_that_is_all_holes(small_set: Path) -> None:
     cv2.imwrite(str(path), np.zeros((48, 160), np.uint16))
     (small_set / "a" / "truth.png").unlink()
     scene = capture.open_set(small_set).scenes[0]
-    assert _decode(show.picture(scene)).size
+    assert _decode(capture_picture.picture(scene)).size
     cv2.imwrite(str(small_set / "a" / "truth.png"), np.zeros((48, 160), np.uint16))
-    assert _decode(show.picture(scene)).size
+    assert _decode(capture_picture.picture(scene)).size
 
 
 def test_sizes_must_agree(small_set: Path, write_set: Callable, tmp_path: Path) -> None:
     _add_reasons(small_set / "a" / "0", shape=(48, 152))
     scene = capture.open_set(small_set).scenes[0]
     with pytest.raises(InputError, match=r"frame.exr must be 160x48 .* 152x48"):
-        show.picture(scene)
+        capture_picture.picture(scene)
     other = write_set(tmp_path / "other")
     info = other / "capture.toml"
     info.write_text(info.read_text().replace("width = 160", "width = 152"))
     with pytest.raises(InputError, match="the two captures must have one image size"):
-        show.picture(scene, against=capture.open_set(other).scenes[0])
+        capture_picture.picture(scene, against=capture.open_set(other).scenes[0])
 
 
 def test_files_and_folders(small_set: Path, write_set: Callable, tmp_path: Path) -> None:

@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns import InputError
-from sim import projector, spectra
-from sim.sensor import Imager, Lens, Projector
-from sim.spectra import bandpass, illuminants, laser, multilayer, silicon
-from sim.spectra.wavelength import GRID_NM, integral
+from starling.patterns import InputError
+from starling.sim.render import emission
+from starling.sim.scene import spectra
+from starling.sim.scene.spectra import bandpass, illuminants, laser, multilayer, silicon
+from starling.sim.scene.spectra.wavelength import GRID_NM, integral
+from starling.sim.sensor.sensor import Imager, Lens, Projector
 
 ROOT = Path(__file__).parents[3]
 ANGLES_DEG = np.arange(0.0, 36.0, 2.5)
@@ -44,7 +45,7 @@ def test_projector_at_one_metre_by_hand():
     Does not prove that a device's 360 mW are spread evenly: that is the pattern's mean.
     """
     part = Projector(power_w=0.36, fov_x_deg=90.0, fov_y_deg=63.0)
-    irradiance = part.power_w * float(projector.irradiance_at_unit_distance(part).mean())
+    irradiance = part.power_w * float(emission.irradiance_at_unit_distance(part).mean())
     electrons = spectra.wall_electrons(
         IMAGER, irradiance, reflectance=0.65, wavelength_nm=850.0, exposure_s=8.5e-3
     )
@@ -363,7 +364,7 @@ def test_refusals(call, message):
 def test_filters_need_no_heavy_library():
     """Optics asks for the filter in every capture; colour-science takes seconds to load."""
     code = (
-        "import sys; from sim import spectra; spectra.Band();"
+        "import sys; from starling.sim.scene import spectra; spectra.Band();"
         "print(*{'colour', 'scipy', 'cv2', 'mitsuba', 'matplotlib'} & set(sys.modules))"
     )
     run = subprocess.run(

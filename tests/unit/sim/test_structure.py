@@ -9,8 +9,8 @@ from typing import Any, Literal
 import pytest
 import tomli_w
 
-from patterns.errors import InputError
-from sim import structure
+from starling.patterns.errors import InputError
+from starling.sim.sensor import structure
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,18 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns.errors import InputError
-from sim import sensors
-from sim.light import subsurface
-from sim.scene import Body, Finish, Material, Mesh, Scene, Sun
-from sim.sensor import Sensor
+from starling.patterns.errors import InputError
+from starling.sim.imaging import subsurface
+from starling.sim.scene.scene import Body, Finish, Material, Mesh, Scene, Sun
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Sensor
 
 SHAPE = (121, 181)
 
 
 def _sensor() -> Sensor:
     intrinsics = {"fx_px": 600.0, "fy_px": 600.0, "cx_px": 90.0, "cy_px": 60.0}
-    return dataclasses.replace(sensors.load("d435"), width=SHAPE[1], height=SHAPE[0], **intrinsics)
+    return dataclasses.replace(presets.load("d435"), width=SHAPE[1], height=SHAPE[0], **intrinsics)
 
 
 def _scene(finish: Finish, names: tuple[str, ...] = ("wax", "wood")) -> Scene:

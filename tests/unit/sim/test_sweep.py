@@ -11,13 +11,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns import InputError
-from sim import projector, record, sensor_edits, sensors, sweep, sweep_axes, sweep_picture
-from sim.reason import Reason
-from sim.sweep_axes import AXES
-from sim.sweep_figures import Figures
+from starling.patterns import InputError
+from starling.sim.commands.sweep import axes as sweep_axes
+from starling.sim.commands.sweep import picture
+from starling.sim.commands.sweep import sweep as sweep
+from starling.sim.commands.sweep.axes import AXES
+from starling.sim.commands.sweep.figures import Figures
+from starling.sim.console import record
+from starling.sim.reason import Reason
+from starling.sim.render import emission
+from starling.sim.sensor import edits, presets
 
-BASE = sensors.load("d435")
+BASE = presets.load("d435")
 VALUES = {
     "baseline_m": (0.02, 0.15),
     "focal_px": (300.0,),
@@ -104,12 +109,12 @@ def test_usual_values_where_none_are_asked_for() -> None:
     assert len(sweep_axes.cameras(BASE, sweep_axes.chosen(BASE, {}))) > 10
 
 
-@pytest.mark.parametrize("name", sorted(projector.GENERATORS))
+@pytest.mark.parametrize("name", sorted(emission.GENERATORS))
 def test_density_multiplies_the_dots(name: str) -> None:
     """To 2 %: lattices have an edge, a tile's sites are whole numbers."""
     counts = []
     for density in (0.5, 1.0, 2.0):
-        dots = projector.pattern(name, 60.0, 42.0, 0, density).dots
+        dots = emission.pattern(name, 60.0, 42.0, 0, density).dots
         assert dots is not None
         counts.append(len(dots))
     assert counts[0] / counts[1] == pytest.approx(0.5, rel=0.02)
@@ -129,10 +134,10 @@ def test_density_multiplies_the_dots(name: str) -> None:
 )
 def test_refused_before_any_rendering(sensor: str, axes: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        sweep.sweep(sensors.load(sensor), axes)
+        sweep.sweep(presets.load(sensor), axes)
     if "axis" in message:
         with pytest.raises(InputError, match=message):
-            sweep_axes.cameras(sensors.load(sensor), axes)
+            sweep_axes.cameras(presets.load(sensor), axes)
 
 
 @pytest.mark.parametrize(
@@ -156,19 +161,19 @@ def test_seed_refused() -> None:
 def test_image_pattern_has_the_dots_it_has(tmp_path) -> None:
     """Another density is refused where it is asked for, and not swept where it is not."""
     named = [("projector.pattern", str(tmp_path / "dots.png"))]
-    camera = sensor_edits.with_values(BASE, named)
+    camera = edits.with_values(BASE, named)
     assert not sweep_axes.chosen(camera, {})["dot_density"]
     assert len(sweep_axes.cameras(camera, {"dot_density": [2.0]})) == 2
     with pytest.raises(InputError, match=r"projector.dot_density must be 1 for .*; got 2"):
-        projector.pattern(camera.projector.pattern, 60.0, 42.0, 0, 2.0)
+        emission.pattern(camera.projector.pattern, 60.0, 42.0, 0, 2.0)
     with pytest.raises(InputError, match="pattern file must be readable"):
         sweep.sweep(camera, {"baseline_m": [0.1]})
 
 
 def test_density_is_swept_where_every_emitter_is_drawn() -> None:
-    camera = sensors.load("d415")
+    camera = presets.load("d415")
     assert sweep_axes.chosen(camera, {})["dot_density"]
-    one = sensor_edits.with_values(camera, [("projector.emitters.1.pattern", "dots.png")])
+    one = edits.with_values(camera, [("projector.emitters.1.pattern", "dots.png")])
     assert not sweep_axes.chosen(one, {})["dot_density"]
 
 
@@ -194,9 +199,9 @@ def test_tables_hold_every_camera_at_every_distance() -> None:
 
 @pytest.mark.parametrize("full", [False, True])
 def test_picture_is_drawn(full: bool) -> None:
-    assert sweep_picture.draw(_found(full)).startswith(b"\x89PNG")
+    assert picture.draw(_found(full)).startswith(b"\x89PNG")
 
 
 def test_picture_groups_every_reason_once() -> None:
-    grouped = [cause for _, causes in sweep_picture.GROUPS.values() for cause in causes]
+    grouped = [cause for _, causes in picture.GROUPS.values() for cause in causes]
     assert sorted(grouped) == sorted(cause.name.lower() for cause in Reason if cause)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim import progress, record, text
+from starling.sim.console import progress, record, text
 
 
 def test_rows_become_columns() -> None:

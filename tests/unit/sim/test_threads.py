@@ -11,7 +11,7 @@ import time
 POOL = """
 import multiprocessing, os, sys, time
 from concurrent.futures import ProcessPoolExecutor
-from sim.threads import begin_worker
+from starling.sim.console.threads import begin_worker
 
 if __name__ == "__main__":
     context = multiprocessing.get_context("spawn")

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from patterns import InputError, errors
-from sim import toml_file
+from starling.patterns import InputError, errors
+from starling.sim.captures import toml_file
 
 
 def _width(table: dict[str, Any]) -> int:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.scenes.unmixed import unmixed
+from starling.sim.scene.captured.edge_unmixing import unmixed
 
 SHAPE = (96, 160)
 SIGMA_PX = 12.0

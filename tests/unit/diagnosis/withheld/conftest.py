@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.withheld import verdict
-from diagnosis.withheld.answered import Answered
-from diagnosis.withheld.case import Case, CaseKind
-from diagnosis.withheld.catalogue import ROWS, Strengths
-from diagnosis.withheld.chain import Pair, expose
-from diagnosis.withheld.dots import Dots, gather
-from diagnosis.withheld.draws import Draws
-from diagnosis.withheld.light import Light, View
-from diagnosis.withheld.nominal import Nominal, from_table
+from starling.diagnosis.validation.camera.catalogue import ROWS, Strengths
+from starling.diagnosis.validation.camera.chain import Pair, expose
+from starling.diagnosis.validation.camera.dots import Dots, gather
+from starling.diagnosis.validation.camera.draws import Draws
+from starling.diagnosis.validation.camera.light import Light, View
+from starling.diagnosis.validation.camera.nominal import Nominal, from_table
+from starling.diagnosis.validation.protocol import verdict
+from starling.diagnosis.validation.protocol.answered import Answered
+from starling.diagnosis.validation.protocol.case import Case, CaseKind
 
 HEIGHT, WIDTH = 64, 96
 WALL_M, BOX_M = 1.0, 0.5

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diagnosis.withheld.alignment import Alignment, land, of_side
-from diagnosis.withheld.catalogue import Strengths
-from diagnosis.withheld.nominal import Nominal
+from starling.diagnosis.validation.camera.alignment import Alignment, land, of_side
+from starling.diagnosis.validation.camera.catalogue import Strengths
+from starling.diagnosis.validation.camera.nominal import Nominal
 
 PLACES = [(20.0, 70.0), (12.0, 20.0), (50.0, 60.0), (48.0, 15.0)]  # Row, column.
 

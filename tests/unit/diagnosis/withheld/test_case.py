@@ -13,14 +13,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diagnosis.which.candidates import LEFT_OUT
-from diagnosis.withheld import case, seal
-from diagnosis.withheld.case import Case, draw
-from diagnosis.withheld.catalogue import ROWS, Strengths
-from diagnosis.withheld.errors import WithheldError
-from diagnosis.withheld.limits import Limits
-from diagnosis.withheld.nominal import Nominal
-from sim import effects
+from starling.diagnosis.validation.camera.catalogue import ROWS, Strengths
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.protocol import case, seal
+from starling.diagnosis.validation.protocol.case import Case, draw
+from starling.diagnosis.validation.protocol.limits import Limits
+from starling.diagnosis.which.candidates import LEFT_OUT
+from starling.sim import effects
 
 DOCS = Path(__file__).parents[4] / "docs"
 PAGES = DOCS / "effects"

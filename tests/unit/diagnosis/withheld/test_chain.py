@@ -8,12 +8,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from diagnosis.withheld.catalogue import ROWS, Strengths
-from diagnosis.withheld.chain import Pair, at_pixels, expose
-from diagnosis.withheld.dots import Dots
-from diagnosis.withheld.draws import Draws
-from diagnosis.withheld.light import Light
-from diagnosis.withheld.nominal import Nominal
+from starling.diagnosis.validation.camera.catalogue import ROWS, Strengths
+from starling.diagnosis.validation.camera.chain import Pair, at_pixels, expose
+from starling.diagnosis.validation.camera.dots import Dots
+from starling.diagnosis.validation.camera.draws import Draws
+from starling.diagnosis.validation.camera.light import Light
+from starling.diagnosis.validation.camera.nominal import Nominal
 
 Take = Callable[..., Pair]
 SEEN = [row.name for row in ROWS.values() if row.kind in ("image", "outside")]

@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.withheld.cycles import assemble, radiometry
-from diagnosis.withheld.cycles import job as job_file
-from diagnosis.withheld.cycles.job import Body, Job, Projector, Sky
-from diagnosis.withheld.errors import WithheldError
-from diagnosis.withheld.nominal import Nominal
+from starling.diagnosis.validation.camera.cycles import assemble, job, radiometry
+from starling.diagnosis.validation.camera.cycles.job import Body, Job, Projector, Sky
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.camera.nominal import Nominal
 
 WIDTH, HEIGHT = 6, 4
 BASELINE_M = 0.05
@@ -80,7 +79,7 @@ def rendered(folder: Path) -> Path:
 
 
 def test_a_job_says_all_in_plain_files(tmp_path):
-    job_file.write(small_job(), tmp_path / "job", samples=16, seed=3)
+    job.write(small_job(), tmp_path / "job", samples=16, seed=3)
     table = json.loads((tmp_path / "job" / "job.json").read_text())
     assert (table["samples"], table["seed"]) == (16, 3)
     flat, smooth = table["bodies"]
@@ -101,7 +100,7 @@ def test_a_job_says_all_in_plain_files(tmp_path):
 )
 def test_jobs_that_cannot_be(samples, seed, words, tmp_path):
     with pytest.raises(WithheldError, match=words):
-        job_file.write(small_job(), tmp_path, samples=samples, seed=seed)
+        job.write(small_job(), tmp_path, samples=samples, seed=seed)
 
 
 def test_a_kind_that_cycles_is_not_told_of_is_refused():
@@ -110,7 +109,7 @@ def test_a_kind_that_cycles_is_not_told_of_is_refused():
 
 
 def test_images_become_electrons(tmp_path):
-    job_file.write(small_job(), tmp_path / "job", samples=1, seed=0)
+    job.write(small_job(), tmp_path / "job", samples=1, seed=0)
     found = assemble.arrays(tmp_path / "job", rendered(tmp_path / "rendered"))
     for side in ("left", "right"):
         expected = {"laser": 7 * 10 * 0.5, "even": 3 * 10 * 0.5, "other": 5 * 10, "ambient": 30}
@@ -126,7 +125,7 @@ def test_images_become_electrons(tmp_path):
 
 def test_seen_points_in_the_projectors_frame(tmp_path):
     """x / z of pixel 5 at 2 m: (5 - 2.5) / 4 from the left, plus what the places are apart."""
-    job_file.write(small_job(), tmp_path / "job", samples=1, seed=0)
+    job.write(small_job(), tmp_path / "job", samples=1, seed=0)
     found = assemble.arrays(tmp_path / "job", rendered(tmp_path / "rendered"))
     assert found["left_px"][0, 5] == pytest.approx(2.5 / 4 - 0.03 / 2)
     assert found["right_px"][0, 5] == pytest.approx(2.5 / 4 + (BASELINE_M - 0.03) / 2)
@@ -143,7 +142,7 @@ def test_seen_points_in_the_projectors_frame(tmp_path):
     ],
 )
 def test_images_that_cannot_be(value, words, tmp_path):
-    job_file.write(small_job(), tmp_path / "job", samples=1, seed=0)
+    job.write(small_job(), tmp_path / "job", samples=1, seed=0)
     images = rendered(tmp_path / "rendered")
     (images / "left_own-0.npy").unlink()
     if value is not None:

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.withheld.case import Case
-from diagnosis.withheld.device import UNIT_M, measure
-from diagnosis.withheld.light import Light
-from diagnosis.withheld.nominal import Nominal
-from diagnosis.withheld.shoot import shoot
-from sim import capture
+from starling.diagnosis.validation.camera.device import UNIT_M, measure
+from starling.diagnosis.validation.camera.light import Light
+from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.protocol.case import Case
+from starling.diagnosis.validation.protocol.shoot import shoot
+from starling.sim.captures import capture
 
 BOX_M = 0.5
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis.withheld import disparity_filters as filters
+from starling.diagnosis.validation.camera import disparity_filters
 
 NAN = np.nan
 
@@ -22,10 +22,10 @@ def _map(seed: int = 0) -> np.ndarray:
 @pytest.mark.parametrize(
     "do",
     [
-        lambda d: filters.median(d, 0),
-        lambda d: filters.lock(d, 0.0),
-        lambda d: filters.steps(d, 0.0),
-        lambda d: filters.without_islands(d, 0, 1.0),
+        lambda d: disparity_filters.median(d, 0),
+        lambda d: disparity_filters.lock(d, 0.0),
+        lambda d: disparity_filters.steps(d, 0.0),
+        lambda d: disparity_filters.without_islands(d, 0, 1.0),
     ],
 )
 def test_off_is_the_very_map(do) -> None:
@@ -36,7 +36,7 @@ def test_off_is_the_very_map(do) -> None:
 @pytest.mark.parametrize("side", [3, 5])
 def test_median_is_of_the_valid_neighbours(side: int) -> None:
     d = _map()
-    out = filters.median(d, side)
+    out = disparity_filters.median(d, side)
     np.testing.assert_array_equal(np.isnan(out), np.isnan(d))
     padded = np.pad(d, side // 2, constant_values=NAN)
     for row, column in ((0, 0), (10, 12), (23, 29)):
@@ -48,12 +48,12 @@ def test_median_is_of_the_valid_neighbours(side: int) -> None:
 @given(amplitude=st.floats(-0.15, 0.15))
 def test_locking_is_a_sine_of_the_fraction(amplitude: float) -> None:
     d = np.linspace(10.0, 12.0, 201)[None]
-    error = filters.lock(d, amplitude) - d
+    error = disparity_filters.lock(d, amplitude) - d
     np.testing.assert_allclose(error, -amplitude * np.sin(2 * np.pi * d), atol=1e-12)
 
 
 def test_steps() -> None:
-    out = filters.steps(np.array([[1.1, 1.13, NAN]]), 0.25)
+    out = disparity_filters.steps(np.array([[1.1, 1.13, NAN]]), 0.25)
     assert out[0, :2].tolist() == [1.0, 1.25]
     assert np.isnan(out[0, 2])
 
@@ -64,11 +64,11 @@ def test_islands_by_count() -> None:
     d[2:4, 2:5] = 7.0  # Six pixels.
     d[2:4, 10:17] = 7.0
     d[2, 10] = 20.0  # One pixel off, so that thirteen stay.
-    out = filters.without_islands(d, 6, 1.0)
+    out = disparity_filters.without_islands(d, 6, 1.0)
     assert np.isnan(out[2:4, 2:5]).all()
     assert np.isnan(out[2, 10])
     assert np.isfinite(out).sum() == 13
-    assert np.isfinite(filters.without_islands(d, 5, 1.0)).sum() == 19
+    assert np.isfinite(disparity_filters.without_islands(d, 5, 1.0)).sum() == 19
 
 
 def test_a_step_within_is_one_after_depth_was_rounded() -> None:
@@ -81,8 +81,8 @@ def test_a_step_within_is_one_after_depth_was_rounded() -> None:
     rounded = fb / (np.rint(fb / stairs / unit_m) * unit_m)
     assert (np.abs(np.diff(rounded, axis=1)) > 1.0).any()
     half_unit = 0.5 * unit_m / fb
-    out = filters.without_islands(rounded, 100, 1.0, half_unit_per_px=half_unit)
+    out = disparity_filters.without_islands(rounded, 100, 1.0, half_unit_per_px=half_unit)
     assert np.isfinite(out).all()
     wide = np.where(stairs < 30.0, rounded, fb / (fb / rounded - 0.003))  # Three units nearer.
-    out = filters.without_islands(wide, stairs.size - 1, 1.0, half_unit_per_px=half_unit)
+    out = disparity_filters.without_islands(wide, stairs.size - 1, 1.0, half_unit_per_px=half_unit)
     assert np.isnan(out).all()

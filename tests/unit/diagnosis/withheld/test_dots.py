@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from diagnosis.withheld import dots
-from diagnosis.withheld.dots import Dots
-from diagnosis.withheld.draws import Draws
-from diagnosis.withheld.light import Light, View
-from diagnosis.withheld.nominal import Nominal
+from starling.diagnosis.validation.camera import dots
+from starling.diagnosis.validation.camera.dots import Dots
+from starling.diagnosis.validation.camera.draws import Draws
+from starling.diagnosis.validation.camera.light import Light, View
+from starling.diagnosis.validation.camera.nominal import Nominal
 
 EVEN = 0.3  # Share of `grounded`'s light that is in no dot.
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.withheld import imager
-from diagnosis.withheld.catalogue import Strengths
-from diagnosis.withheld.draws import Draws
-from diagnosis.withheld.nominal import Nominal
+from starling.diagnosis.validation.camera import imager
+from starling.diagnosis.validation.camera.catalogue import Strengths
+from starling.diagnosis.validation.camera.draws import Draws
+from starling.diagnosis.validation.camera.nominal import Nominal
 
 SHAPE = (120, 160)
 

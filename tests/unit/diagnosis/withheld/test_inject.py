@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.withheld import bands, inject, psf, speckle
-from diagnosis.withheld.catalogue import ROWS
-from diagnosis.withheld.chain import Pair
-from diagnosis.withheld.errors import WithheldError
-from diagnosis.withheld.nominal import Nominal
-from diagnosis.withheld.unrounded import shares
+from starling.diagnosis.validation.camera import bands, inject, psf, speckle
+from starling.diagnosis.validation.camera.catalogue import ROWS
+from starling.diagnosis.validation.camera.chain import Pair
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.camera.unrounded import shares
 
 SHAPE = (100, 150)
 

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.withheld import lens, psf
-from diagnosis.withheld.catalogue import Strengths
-from diagnosis.withheld.light import Light
-from diagnosis.withheld.nominal import Nominal
+from starling.diagnosis.validation.camera import lens, psf
+from starling.diagnosis.validation.camera.catalogue import Strengths
+from starling.diagnosis.validation.camera.light import Light
+from starling.diagnosis.validation.camera.nominal import Nominal
 
 
 def _point(camera: Nominal, row: int, column: int) -> np.ndarray:

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from diagnosis.withheld import limits
-from diagnosis.withheld.catalogue import ROWS
-from diagnosis.withheld.errors import WithheldError
+from starling.diagnosis.validation.camera.catalogue import ROWS
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.protocol import limits
 
 
 def test_each_side_has_its_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,7 +97,7 @@ def test_damaged_limits(
 
 def test_missing_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(limits, "FILE", tmp_path / "none.json")
-    with pytest.raises(WithheldError, match=r"detection limits must be .* diagnosis\.detection"):
+    with pytest.raises(WithheldError, match=r"detection limits must be .* adapters\.detection"):
         limits.read()
 
 

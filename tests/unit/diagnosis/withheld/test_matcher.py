@@ -7,11 +7,11 @@ import time
 import numpy as np
 import pytest
 
-from diagnosis.withheld import matcher
-from diagnosis.withheld.chain import Pair
-from diagnosis.withheld.errors import WithheldError
-from diagnosis.withheld.light import Light
-from diagnosis.withheld.nominal import Nominal
+from starling.diagnosis.validation.camera import matcher
+from starling.diagnosis.validation.camera.chain import Pair
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.camera.light import Light
+from starling.diagnosis.validation.camera.nominal import Nominal
 
 
 def _textured(shape: tuple[int, int] = (48, 90), seed: int = 0) -> np.ndarray:

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.withheld import light as light_file
-from diagnosis.withheld import nominal
-from diagnosis.withheld.errors import WithheldError
-from diagnosis.withheld.light import Light
-from diagnosis.withheld.nominal import Nominal
+from starling.diagnosis.validation.camera import light as light_file
+from starling.diagnosis.validation.camera import nominal
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.camera.light import Light
+from starling.diagnosis.validation.camera.nominal import Nominal
 
 
 def _edit(folder: Path, **changes: object) -> Path:

@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.withheld import outside
-from diagnosis.withheld.catalogue import Strengths
-from diagnosis.withheld.draws import Draws
-from diagnosis.withheld.light import Light
-from diagnosis.withheld.nominal import Nominal
-from diagnosis.withheld.scene_light import Arriving
+from starling.diagnosis.validation.camera import outside
+from starling.diagnosis.validation.camera.catalogue import Strengths
+from starling.diagnosis.validation.camera.draws import Draws
+from starling.diagnosis.validation.camera.light import Light
+from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.camera.scene_light import Arriving
 
 DRAWS = Draws(seed=1, scene="a")
 

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis.withheld.catalogue import ROWS
-from diagnosis.withheld.errors import WithheldError
-from diagnosis.withheld.limits import Limits
-from diagnosis.withheld.nominal import Nominal
-from diagnosis.withheld.power import LEVELS, curves, draw, levels
+from starling.diagnosis.validation.camera.catalogue import ROWS
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.protocol.limits import Limits
+from starling.diagnosis.validation.protocol.power import LEVELS, curves, draw, levels
 
 Make = Callable[..., Any]
 FOUND = {"lens_blur": 0.3, "read_noise": 4.0, "dropped_dots": float("inf")}

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-import starling
-from diagnosis import captured_camera
-from diagnosis.withheld import __main__ as program
-from diagnosis.withheld import programs
-from diagnosis.withheld.check import Check
-from diagnosis.withheld.errors import WithheldError
+from starling import command_line
+from starling.diagnosis.validation import __main__ as program
+from starling.diagnosis.validation.adapters import captured_camera
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.protocol import programs
+from starling.diagnosis.validation.protocol.check import Check
 
 
 def test_real_pairs_are_for_their_own_tier(tmp_path, capsys):
@@ -80,9 +80,9 @@ def test_the_verb_runs_the_program_elsewhere(monkeypatch):
 
     monkeypatch.setattr("subprocess.run", lambda command, **_: ran.append(command) or Done())
     flags = ["--cases", "2", "--no-infrared", "--json", "--debug"]
-    assert starling.main(["withheld", "--out", "x", *flags]) == 3
-    assert ran[0][1:4] == ["-m", "diagnosis.withheld", "x"]
+    assert command_line.main(["withheld", "--out", "x", *flags]) == 3
+    assert ran[0][1:4] == ["-m", "starling.diagnosis.validation", "x"]
     assert {*flags} <= {*ran[0]}
     given = ["--tier", "4", "--captures", "real", "--sensor", "d415", "--sets", "2"]
-    assert starling.main(["withheld", "--out", "x", *given]) == 3
+    assert command_line.main(["withheld", "--out", "x", *given]) == 3
     assert {*given} <= {*ran[1]}

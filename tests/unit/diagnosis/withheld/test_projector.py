@@ -8,12 +8,12 @@ import math
 import numpy as np
 import pytest
 
-from diagnosis.withheld import dots, projector
-from diagnosis.withheld.catalogue import Strengths
-from diagnosis.withheld.dots import Dots
-from diagnosis.withheld.draws import Draws
-from diagnosis.withheld.light import Light, View
-from diagnosis.withheld.nominal import Nominal
+from starling.diagnosis.validation.camera import dots, projector
+from starling.diagnosis.validation.camera.catalogue import Strengths
+from starling.diagnosis.validation.camera.dots import Dots
+from starling.diagnosis.validation.camera.draws import Draws
+from starling.diagnosis.validation.camera.light import Light, View
+from starling.diagnosis.validation.camera.nominal import Nominal
 
 NONE = Dots(tangents=np.empty((0, 2)))
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diagnosis.withheld import psf, spread
+from starling.diagnosis.validation.camera import psf, spread
 
 SHAPES: tuple[psf.Shape, ...] = ("gaussian", "disc", "exponential")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.withheld import readout
-from diagnosis.withheld.catalogue import Strengths
-from diagnosis.withheld.nominal import Nominal
+from starling.diagnosis.validation.camera import readout
+from starling.diagnosis.validation.camera.catalogue import Strengths
+from starling.diagnosis.validation.camera.nominal import Nominal
 
 
 def _codes(camera: Nominal, charge_e: np.ndarray | float, **values: float) -> np.ndarray:

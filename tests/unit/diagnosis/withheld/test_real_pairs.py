@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.withheld import capture_files, programs
-from diagnosis.withheld.case import Case
-from diagnosis.withheld.errors import WithheldError
-from diagnosis.withheld.real_pairs import RealPairs, lot
-from sim import capture
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.protocol import capture_files, programs
+from starling.diagnosis.validation.protocol.case import Case
+from starling.diagnosis.validation.protocol.real_pairs import RealPairs, lot
+from starling.sim.captures import capture
 from tests.unit.diagnosis.withheld.conftest import CAPTURE, HEIGHT, TABLE, WIDTH
 
 ROOMS = ("a", "a", "a", "b", "b", "c", "d")

@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.withheld import scene_light
-from diagnosis.withheld.catalogue import Strengths
-from diagnosis.withheld.light import Light
-from diagnosis.withheld.nominal import Nominal
-from diagnosis.withheld.scene_light import Arriving
+from starling.diagnosis.validation.camera import scene_light
+from starling.diagnosis.validation.camera.catalogue import Strengths
+from starling.diagnosis.validation.camera.light import Light
+from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.camera.scene_light import Arriving
 
 
 def _leave(light: Light, camera: Nominal, side: str = "left", **values: float) -> Arriving:

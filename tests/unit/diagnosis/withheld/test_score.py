@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diagnosis.withheld.answered import Answered
-from diagnosis.withheld.case import Case
-from diagnosis.withheld.errors import WithheldError
-from diagnosis.withheld.figure import Figure
-from diagnosis.withheld.goals import goals
-from diagnosis.withheld.nominal import Nominal
-from diagnosis.withheld.score import score
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.protocol.answered import Answered
+from starling.diagnosis.validation.protocol.case import Case
+from starling.diagnosis.validation.protocol.figure import Figure
+from starling.diagnosis.validation.protocol.goals import goals
+from starling.diagnosis.validation.protocol.score import score
 
 Make = Callable[..., Any]
 FAMILIES = {"lens_blur": "lens_blur", "corner_blur": "lens_blur"}

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from diagnosis.withheld import breakdown
-from diagnosis.withheld.nominal import Nominal
-from diagnosis.withheld.score import score
+from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.protocol import breakdown
+from starling.diagnosis.validation.protocol.score import score
 
 Make = Callable[..., Any]
 

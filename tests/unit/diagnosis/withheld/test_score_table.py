@@ -6,10 +6,10 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from diagnosis.withheld.nominal import Nominal
-from diagnosis.withheld.power import curves
-from diagnosis.withheld.score import score
-from diagnosis.withheld.score_table import opening, power, text
+from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.protocol.power import curves
+from starling.diagnosis.validation.protocol.score import score
+from starling.diagnosis.validation.protocol.score_table import opening, power, text
 
 Make = Callable[..., Any]
 

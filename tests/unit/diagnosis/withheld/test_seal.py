@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from diagnosis.withheld import seal
+from starling.diagnosis.validation.protocol import seal
 
 
 def test_a_sensor_is_its_file_and_the_pictures_that_it_names(tmp_path: Path) -> None:

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
-from diagnosis.withheld.case import Case
-from diagnosis.withheld.errors import WithheldError
-from diagnosis.withheld.nominal import Nominal
-from diagnosis.withheld.shoot import post, shoot
-from sim import capture
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.protocol.case import Case
+from starling.diagnosis.validation.protocol.shoot import post, shoot
+from starling.sim.captures import capture
 
 NULL = Case(number=3, kind="null", seed=11)
 

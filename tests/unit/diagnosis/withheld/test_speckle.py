@@ -8,10 +8,10 @@ import math
 import numpy as np
 import pytest
 
-from diagnosis.withheld import speckle
-from diagnosis.withheld.chain import Pair
-from diagnosis.withheld.draws import Draws
-from diagnosis.withheld.nominal import Nominal
+from starling.diagnosis.validation.camera import speckle
+from starling.diagnosis.validation.camera.chain import Pair
+from starling.diagnosis.validation.camera.draws import Draws
+from starling.diagnosis.validation.camera.nominal import Nominal
 
 SHAPE = (300, 400)
 

@@ -6,8 +6,8 @@ from fractions import Fraction
 
 import pytest
 
-from diagnosis.withheld.errors import WithheldError
-from diagnosis.withheld.tier import TIERS
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.protocol.tier import TIERS
 
 
 @pytest.mark.parametrize("number", TIERS)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from diagnosis.withheld.unrounded import shares, unrounded
+from starling.diagnosis.validation.camera.unrounded import shares, unrounded
 
 SHAPE = (200, 320)
 

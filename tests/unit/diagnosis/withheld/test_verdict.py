@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from diagnosis.withheld import verdict
-from diagnosis.withheld.errors import WithheldError
+from starling.diagnosis.validation.camera.errors import WithheldError
+from starling.diagnosis.validation.protocol import verdict
 
 Make = Callable[..., dict[str, Any]]
 

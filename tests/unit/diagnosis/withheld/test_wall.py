@@ -7,16 +7,19 @@ from pathlib import Path
 
 import pytest
 
-from diagnosis.withheld.errors import WithheldError, refusal
+from starling.diagnosis.validation.camera.errors import WithheldError, refusal
 
 ROOT = Path(__file__).parents[4]
 # What Blender's interpreter runs, a process of its own, and what it may import beside all others.
-SCRIPT = ROOT / "diagnosis" / "withheld" / "cycles" / "render_with_blender.py"
+SCRIPT = ROOT / "diagnosis" / "validation" / "camera" / "cycles" / "render_with_blender.py"
 BLENDER = {"bpy", "bpy_extras", "mathutils"}
 OF_SCRIPT = {*BLENDER, "tempfile"}
 # What hands light from one side to the other; it names no effect.
 CARRIERS = {"cycles_job.py", "cycles_light.py"}
-FILES = sorted({*(ROOT / "diagnosis" / "withheld").rglob("*.py")} - {SCRIPT})
+VALIDATION = ROOT / "diagnosis" / "validation"
+WALLED = tuple(f"starling.diagnosis.validation.{part}" for part in ("camera", "protocol"))
+ADAPTERS = {*(VALIDATION / "adapters").glob("*.py")}
+FILES = sorted({*VALIDATION.rglob("*.py")} - ADAPTERS - {SCRIPT})
 STANDARD = {
     "__future__",
     "argparse",
@@ -63,15 +66,16 @@ def _imports(path: Path) -> set[str]:
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 def test_imports_stay_inside_the_wall(path: Path) -> None:
     for name in _imports(path):
-        own = name.startswith("diagnosis.withheld")
-        captures = name == "sim.capture" or name.startswith("sim.capture.")
+        own = name.startswith("starling.diagnosis.validation")
+        own = own and not name.startswith("starling.diagnosis.validation.adapters")
+        captures = f"{name}.".startswith("starling.sim.captures.capture.")
         assert own or captures or name.split(".")[0] in STANDARD | LIBRARIES, name
 
 
 def test_the_diagnosis_reads_nothing_of_the_withheld_camera() -> None:
     own = {*(ROOT / "diagnosis").rglob("*.py")} - {*FILES, SCRIPT}
     for path in own:
-        read = {name for name in _imports(path) if name.startswith("diagnosis.withheld")}
+        read = {name for name in _imports(path) if name.startswith(WALLED)}
         assert not read or path.name in CARRIERS, path
 
 

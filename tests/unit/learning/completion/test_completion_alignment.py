@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from learning.completion.alignment import (
+from starling.learning.completion.alignment import (
     Normalisation,
     aligned,
     aligned_inverse,
@@ -15,7 +15,7 @@ from learning.completion.alignment import (
     least_squares,
     normalisation,
 )
-from patterns.errors import InputError
+from starling.patterns.errors import InputError
 
 RNG = np.random.default_rng(0)
 DEPTH = RNG.uniform(0.5, 4, (12, 16)).astype(np.float32)

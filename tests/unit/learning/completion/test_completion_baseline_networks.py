@@ -14,10 +14,10 @@ pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
 from transformers import DepthAnythingConfig, DepthAnythingForDepthEstimation, Dinov2Config
 
-from learning.completion.baselines import depth_anything, marigold, marigold_dc
-from learning.completion.frame import checked
-from learning.completion.method import complete
-from patterns.errors import InputError
+from starling.learning.completion.baselines import depth_anything, marigold, marigold_dc
+from starling.learning.completion.frame import checked
+from starling.learning.completion.method import complete
+from starling.patterns.errors import InputError
 from tests.unit.learning.completion import tiny_diffusion as tiny
 
 FRAME = tiny.frame()

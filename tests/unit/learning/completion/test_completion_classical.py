@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from learning.completion.classical.bilateral import Bilateral
-from learning.completion.classical.morphological import Morphological
-from learning.completion.classical.nearest import Nearest
-from learning.completion.classical.poisson import Poisson
-from learning.completion.classical.wls import WeightedLeastSquares
-from learning.completion.method import Method, complete
-from patterns.errors import InputError
+from starling.learning.completion.classical.bilateral import Bilateral
+from starling.learning.completion.classical.morphological import Morphological
+from starling.learning.completion.classical.nearest import Nearest
+from starling.learning.completion.classical.poisson import Poisson
+from starling.learning.completion.classical.wls import WeightedLeastSquares
+from starling.learning.completion.method import Method, complete
+from starling.patterns.errors import InputError
 
 METHODS: tuple[Method, ...] = (
     Nearest(),

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
-from learning.completion.diffusion import latents
-from learning.completion.diffusion.seen import look, padded
-from learning.completion.diffusion.span import HOLE, Span
-from learning.completion.diffusion.spread import joined
-from learning.completion.frame import checked
+from starling.learning.completion.diffusion import latents
+from starling.learning.completion.diffusion.seen import look, padded
+from starling.learning.completion.diffusion.span import HOLE, Span
+from starling.learning.completion.diffusion.spread import joined
+from starling.learning.completion.frame import checked
 from tests.unit.learning.completion import tiny_diffusion as tiny
 
 CPU = torch.device("cpu")

@@ -12,14 +12,14 @@ import torch
 
 pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
-from learning.completion.diffusion import latents, model, weights
-from learning.completion.diffusion.method import Diffusion, load
-from learning.completion.diffusion.sampling import sample
-from learning.completion.diffusion.seen import look
-from learning.completion.diffusion.span import Span
-from learning.completion.diffusion.variants import VARIANTS
-from learning.completion.method import complete
-from patterns.errors import InputError
+from starling.learning.completion.diffusion import latents, model, weights
+from starling.learning.completion.diffusion.method import Diffusion, load
+from starling.learning.completion.diffusion.sampling import sample
+from starling.learning.completion.diffusion.seen import look
+from starling.learning.completion.diffusion.span import Span
+from starling.learning.completion.diffusion.variants import VARIANTS
+from starling.learning.completion.method import complete
+from starling.patterns.errors import InputError
 from tests.unit.learning.completion import tiny_diffusion as tiny
 
 FRAME = tiny.frame()

@@ -15,16 +15,16 @@ import torch
 
 pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
-import starling
-from learning.completion.diffusion import model, training, weights
-from learning.completion.diffusion.batch import Batch, draw
-from learning.completion.diffusion.crop import cropped
-from learning.completion.diffusion.method import Diffusion
-from learning.completion.diffusion.samples import Sample
-from learning.completion.diffusion.training import Settings, train
-from learning.completion.diffusion.variants import VARIANTS, Variant
-from learning.completion.frame import checked
-from patterns.errors import InputError
+from starling import command_line
+from starling.learning.completion.diffusion import model, training, weights
+from starling.learning.completion.diffusion.batch import Batch, draw
+from starling.learning.completion.diffusion.crop import cropped
+from starling.learning.completion.diffusion.method import Diffusion
+from starling.learning.completion.diffusion.samples import Sample
+from starling.learning.completion.diffusion.training import Settings, train
+from starling.learning.completion.diffusion.variants import VARIANTS, Variant
+from starling.learning.completion.frame import checked
+from starling.patterns.errors import InputError
 from tests.unit.learning import capture_sets
 from tests.unit.learning.completion import tiny_diffusion as tiny
 
@@ -278,11 +278,11 @@ def test_from_the_command_line_and_used_like_any_method(
 ):
     captures, out = capture_sets.write(tmp_path / "set"), tmp_path / "trained"
     flags = ["--start", str(published), "--variant", "rgbd-mask", "--steps", "1"]
-    assert starling.main(["train", "completion", str(captures), "--out", str(out), *flags]) == 0
+    assert command_line.main(["train", "completion", str(captures), "--out", str(out), *flags]) == 0
     method = f"diffusion={out / 'weights'}"
     done = tmp_path / "done"
     arguments = ["complete", str(captures), "--method", method, "--out", str(done), "--json"]
-    assert starling.main(arguments) == 0
+    assert command_line.main(arguments) == 0
     told = json.loads("{" + capsys.readouterr().out.rpartition("\n{")[2])
     assert told["frames"] == 4 and told["method"] == method
 
@@ -291,7 +291,10 @@ def test_without_its_packages_it_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     captures = capture_sets.write(tmp_path / "set")
-    monkeypatch.setitem(sys.modules, "learning.completion.train_diffusion", None)
+    monkeypatch.setitem(sys.modules, "starling.learning.completion.commands.train_diffusion", None)
     flags = ["--out", str(tmp_path / "out"), "--start", "anywhere"]
-    assert starling.main(["train", "completion", str(captures), *flags]) == 1
-    assert "diffusion needs learning.completion.train_diffusion" in capsys.readouterr().err
+    assert command_line.main(["train", "completion", str(captures), *flags]) == 1
+    assert (
+        "diffusion needs starling.learning.completion.commands.train_diffusion"
+        in capsys.readouterr().err
+    )

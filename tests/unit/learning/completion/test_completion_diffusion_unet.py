@@ -13,13 +13,13 @@ pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
 from diffusers import UNet2DConditionModel
 
-from learning.completion.diffusion import weights
-from learning.completion.diffusion.conditioning import begin, learnt, trainable
-from learning.completion.diffusion.model import Model, untrained
-from learning.completion.diffusion.seen import look
-from learning.completion.diffusion.unet import widen
-from learning.completion.diffusion.variants import VARIANTS, Variant
-from patterns.errors import InputError
+from starling.learning.completion.diffusion import weights
+from starling.learning.completion.diffusion.conditioning import begin, learnt, trainable
+from starling.learning.completion.diffusion.model import Model, untrained
+from starling.learning.completion.diffusion.seen import look
+from starling.learning.completion.diffusion.unet import widen
+from starling.learning.completion.diffusion.variants import VARIANTS, Variant
+from starling.patterns.errors import InputError
 from tests.unit.learning.completion import tiny_diffusion as tiny
 
 STEP = torch.tensor([500, 20])

@@ -11,11 +11,11 @@ import pytest
 
 pytest.importorskip("diffusers", reason="the extra completion is not installed")
 
-from learning.completion.diffusion.unread import Unread
-from learning.completion.layouts import listed
-from learning.completion.train_diffusion import train_diffusion
-from patterns.errors import InputError
-from sim import png
+from starling.learning.completion.commands.train_diffusion import train_diffusion
+from starling.learning.completion.data.layouts import listed
+from starling.learning.completion.diffusion.unread import Unread
+from starling.patterns.errors import InputError
+from starling.sim.captures import png
 from tests.unit.command_line import Capsys
 from tests.unit.learning import capture_sets
 from tests.unit.learning.completion import tiny_data_sets

@@ -16,9 +16,9 @@ pytest.importorskip("diffusers", reason="the extra completion is not installed")
 import huggingface_hub
 from safetensors.torch import load_file, save_file
 
-from learning.completion.diffusion import model, weights
-from learning.completion.diffusion.text import empty_prompt
-from patterns.errors import InputError
+from starling.learning.completion.diffusion import model, weights
+from starling.learning.completion.diffusion.text import empty_prompt
+from starling.patterns.errors import InputError
 from tests.unit.learning.completion import tiny_diffusion as tiny
 
 

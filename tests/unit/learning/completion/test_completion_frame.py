@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from learning.completion.frame import Frame, checked
-from learning.completion.method import CANNOT, NOTHING, Completed, complete
-from patterns.errors import InputError
+from starling.learning.completion.frame import Frame, checked
+from starling.learning.completion.method import CANNOT, NOTHING, Completed, complete
+from starling.patterns.errors import InputError
 
 DEPTH = np.linspace(0.5, 2, 12, dtype=np.float32).reshape(3, 4)
 VALID = DEPTH < 1.5

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from learning.completion.fingerprint import fingerprint
-from learning.completion.layouts import LAYOUTS, chosen, listed, readings
-from learning.completion.learnt_from import learnt_from
-from learning.completion.readers import item
-from patterns.errors import InputError
-from sim import capture, png, progress
+from starling.learning.completion.data.fingerprint import fingerprint
+from starling.learning.completion.data.layouts import LAYOUTS, chosen, listed, readings
+from starling.learning.completion.data.readers import item
+from starling.learning.completion.evaluation.training_rooms import learnt_from
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture, png
+from starling.sim.console import progress
 from tests.unit.command_line import Capsys, refused
 from tests.unit.learning import capture_sets
 from tests.unit.learning.completion import tiny_data_sets

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from learning.completion.metrics import (
+from starling.learning.completion.evaluation.metrics import (
     RATIOS,
     Score,
     Sums,
@@ -16,7 +16,7 @@ from learning.completion.metrics import (
     score,
     sums,
 )
-from patterns.errors import InputError
+from starling.patterns.errors import InputError
 
 KEYS = (
     *("mae_m", "rmse_m", "absrel", "sqrel", "delta1", "delta2", "delta3"),

@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from learning.completion.metrics import score
-from learning.completion.pairs import pair
-from patterns.errors import InputError
-from sim import capture, capture_info, exr, png
-from sim.depth import DepthMap, from_code
-from sim.layers import Layers, Truth, View
-from sim.pinhole import Pinhole
-from sim.reason import Reason
+from starling.learning.completion.data.pairs import pair
+from starling.learning.completion.evaluation.metrics import score
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture, exr, png
+from starling.sim.captures import info as capture_info
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.reason import Reason
+from starling.sim.render.layers import Layers, Truth, View
+from starling.sim.stereo.depth import DepthMap, from_code
 from tests.unit.learning import capture_sets
 from tests.unit.learning.step_scenes import INFO, SHAPE
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from learning.completion.readers import irs, item, nyuv2, vkitti2
-from learning.completion.readers.item import Item
-from learning.completion.readers.stereo_depth import stereo_depth
-from patterns.errors import InputError
-from sim.pinhole import Pinhole
-from sim.reason import Reason
+from starling.learning.completion.data.readers import irs, item, nyuv2, vkitti2
+from starling.learning.completion.data.readers.item import Item
+from starling.learning.completion.data.readers.stereo_depth import stereo_depth
+from starling.patterns.errors import InputError
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.reason import Reason
 from tests.unit.learning.completion.tiny_data_sets import exr, picture
 
 SHAPE = (24, 40)

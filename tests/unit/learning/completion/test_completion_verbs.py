@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-import starling
-from learning.completion import methods
-from learning.completion.frame import Frame
-from learning.completion.learnt_from import learnt_from
-from learning.completion.method import Completed
-from learning.completion.small import small
-from learning.completion.small.network import SmallNetwork
-from learning.completion.small.small import Small
-from learning.training.learner import initialised
-from patterns.errors import InputError
-from sim import capture, capture_info, png
+from starling import command_line
+from starling.learning.completion import methods
+from starling.learning.completion.evaluation.training_rooms import learnt_from
+from starling.learning.completion.frame import Frame
+from starling.learning.completion.method import Completed
+from starling.learning.completion.small import method as small
+from starling.learning.completion.small.method import Small
+from starling.learning.completion.small.network import SmallNetwork
+from starling.learning.networks.training.learner import initialised
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture, png
+from starling.sim.captures import info as capture_info
 from tests.unit.command_line import Capsys, refused
 from tests.unit.learning import capture_sets
 
@@ -31,7 +32,7 @@ left_from_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]]
 
 
 def ran(capsys: Capsys, *arguments: object) -> dict[str, Any]:
-    assert starling.main([*map(str, arguments), "--json"]) == 0
+    assert command_line.main([*map(str, arguments), "--json"]) == 0
     return json.loads(capsys.readouterr().out)
 
 
@@ -236,7 +237,7 @@ def test_what_cannot_be_learnt_from_or_judged(captures: Path, tmp_path: Path, ca
 
 
 def test_without_methods_nothing_is_judged(captures: Path, tmp_path: Path):
-    from learning.completion.judge_captures import judge_captures
+    from starling.learning.completion.commands.judge_captures import judge_captures
 
     with pytest.raises(InputError, match="methods must be at least one; got none"):
         judge_captures(str(captures), (), tmp_path / "out")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from learning.completion.sigma_coverage import Coverage, coverage
+from starling.learning.completion.evaluation.sigma_coverage import Coverage, coverage
 
 SHAPE = (200, 300)
 ALL = np.ones(SHAPE, bool)

@@ -13,18 +13,18 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from learning.completion.frame import Frame, checked
-from learning.completion.method import complete
-from learning.completion.small import small
-from learning.completion.small.crops import Crops, Sample
-from learning.completion.small.false_islands import with_false_islands
-from learning.completion.small.network import SmallNetwork, Told, kept
-from learning.completion.small.proposals import NAMES, proposals
-from learning.completion.small.random_holes import with_random_holes
-from learning.completion.small.seen import CHANNELS, seen
-from learning.completion.small.settings import Settings
-from learning.unet import parameter_count
-from patterns.errors import InputError
+from starling.learning.completion.frame import Frame, checked
+from starling.learning.completion.method import complete
+from starling.learning.completion.small import method
+from starling.learning.completion.small.crops import Crops, Sample
+from starling.learning.completion.small.false_islands import with_false_islands
+from starling.learning.completion.small.network import SmallNetwork, Told, kept
+from starling.learning.completion.small.proposals import NAMES, proposals
+from starling.learning.completion.small.random_holes import with_random_holes
+from starling.learning.completion.small.seen import CHANNELS, seen
+from starling.learning.completion.small.settings import Settings
+from starling.learning.networks.unet import parameter_count
+from starling.patterns.errors import InputError
 
 SHORT = Settings(steps=12, batch=2, crop_px=(32, 48), save_every=4, rate=3e-3)
 NEAR, FAR = 1.0, 3.0
@@ -83,8 +83,8 @@ def test_scale_is_taken_out_of_what_is_seen():
 def test_before_it_has_learnt_it_gives_the_proposals_mean_and_the_camera_s_own():
     sample = scene()
     view = frame(sample)
-    network = small.placed(SmallNetwork()).eval()
-    found = small.Small(network).fill(view)
+    network = method.placed(SmallNetwork()).eval()
+    found = method.Small(network).fill(view)
     np.testing.assert_array_equal(found.depth_m[view.valid], view.depth_m[view.valid])
     expected = np.exp(np.log(proposals(view)).mean(axis=0))
     np.testing.assert_allclose(found.depth_m[~view.valid], expected[~view.valid], rtol=1e-5)
@@ -103,15 +103,15 @@ def test_depth_that_is_likely_false_is_replaced():
 def test_it_learns_that_what_is_hidden_is_far(tmp_path: Path):
     """From a mean of near and far to far, on scenes it has not seen."""
     settings = Settings(steps=40, batch=2, crop_px=(48, 64), rate=6e-3, averaging=0.8)
-    learnt = small.fit([scene(n) for n in range(1, 9)], settings, folder=tmp_path, seed=0)
+    learnt = method.fit([scene(n) for n in range(1, 9)], settings, folder=tmp_path, seed=0)
     sample = scene(99)
     view = frame(sample)
     hole = ~view.valid
-    before = small.Small(small.placed(SmallNetwork()).eval()).fill(view).depth_m
+    before = method.Small(method.placed(SmallNetwork()).eval()).fill(view).depth_m
     after = complete(learnt, sample.image, sample.depth_m, view.valid).depth_m
     error = [float(np.abs(one - sample.truth_m)[hole].mean()) for one in (before, after)]
     assert error[1] < 0.3 * error[0]
-    again = small.load(tmp_path).fill(view).depth_m
+    again = method.load(tmp_path).fill(view).depth_m
     np.testing.assert_array_equal(again, after)
 
 
@@ -128,14 +128,14 @@ def _killing(items: Sequence[Any], label: str) -> Iterable[Any]:
 
 def test_killed_training_goes_on_to_the_same_bits(tmp_path: Path):
     scenes = [scene(n) for n in range(3)]
-    whole = small.fit(scenes, SHORT, folder=tmp_path / "whole", seed=3)
+    whole = method.fit(scenes, SHORT, folder=tmp_path / "whole", seed=3)
     with pytest.raises(_Killed):
-        small.fit(scenes, SHORT, folder=tmp_path / "killed", seed=3, tell=_killing)
-    resumed = small.fit(scenes, SHORT, folder=tmp_path / "killed", seed=3)
+        method.fit(scenes, SHORT, folder=tmp_path / "killed", seed=3, tell=_killing)
+    resumed = method.fit(scenes, SHORT, folder=tmp_path / "killed", seed=3)
     for name, value in whole.network.state_dict().items():
         torch.testing.assert_close(resumed.network.state_dict()[name], value, rtol=0, atol=0)
     with pytest.raises(InputError, match="checkpoint must be of this training"):
-        small.fit(scenes[:2], SHORT, folder=tmp_path / "killed", seed=3)
+        method.fit(scenes[:2], SHORT, folder=tmp_path / "killed", seed=3)
 
 
 def test_crops_of_a_step_follow_from_the_seed_and_its_number():
@@ -258,8 +258,8 @@ def test_random_holes_are_as_many_and_elsewhere():
 
 def test_nothing_to_learn_from_is_refused(tmp_path: Path):
     with pytest.raises(InputError, match="frames must be at least one; got 0"):
-        small.fit([], SHORT, folder=tmp_path, seed=0)
+        method.fit([], SHORT, folder=tmp_path, seed=0)
     with pytest.raises(InputError, match="checkpoint must exist"):
-        small.load(tmp_path)
+        method.load(tmp_path)
     with pytest.raises(InputError, match="crop_px must be in"):
         Settings(crop_px=(0, 4))

@@ -15,8 +15,8 @@ from diffusers import AutoencoderKL, UNet2DConditionModel
 from safetensors.torch import load_file, save_file
 from transformers import CLIPTextConfig, CLIPTextModel
 
-from learning.completion.diffusion.samples import Sample
-from learning.completion.frame import Frame, checked
+from starling.learning.completion.diffusion.samples import Sample
+from starling.learning.completion.frame import Frame, checked
 
 _OLD_NAMES = {
     ".to_q.": ".query.",

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from patterns.errors import InputError
-from sim import capture, frames
-from sim.exchange import bop
-from sim.generation.files import Files
-from sim.pinhole import Pinhole
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture
+from starling.sim.captures.exchange import bop
+from starling.sim.datasets.files import Files
+from starling.sim.geometry import frames
+from starling.sim.geometry.pinhole import Pinhole
 
 BOX_M = (0.2, 0.1, 0.3)
 

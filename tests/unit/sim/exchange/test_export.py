@@ -7,19 +7,19 @@ from pathlib import Path
 
 import pytest
 
-import starling
-from sim.exchange import tum
+from starling import command_line
+from starling.sim.captures.exchange import tum
 
 
 def test_a_set_is_exported(small_set: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     out = tmp_path / "tum"
     flags = ["export", str(small_set), "--layout", "tum", "--out", str(out), "--json"]
-    assert starling.main(flags) == 0
+    assert command_line.main(flags) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["frames"] == len(tum.read(out).moments) and told["layout"] == "tum"
     assert json.loads((out / "starling.json").read_text())["verb"] == "export"
-    assert starling.main(flags) == 1  # Nothing is overwritten unasked.
-    assert starling.main([*flags, "--force"]) == 0
+    assert command_line.main(flags) == 1  # Nothing is overwritten unasked.
+    assert command_line.main([*flags, "--force"]) == 0
     capsys.readouterr()
 
 
@@ -27,6 +27,6 @@ def test_of_a_set_without_objects_nothing_is_left(
     small_set: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     out = tmp_path / "bop"
-    assert starling.main(["export", str(small_set), "--layout", "bop", "--out", str(out)]) == 1
+    assert command_line.main(["export", str(small_set), "--layout", "bop", "--out", str(out)]) == 1
     assert "captures must show objects" in capsys.readouterr().err
     assert not out.exists()

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from patterns.errors import InputError
-from sim import frames
-from sim.exchange import labelfusion, quaternion
-from sim.exchange.stream import NEAR_S, nearest
-from sim.pinhole import Pinhole
+from starling.patterns.errors import InputError
+from starling.sim.captures.exchange import labelfusion, quaternion
+from starling.sim.captures.exchange.stream import NEAR_S, nearest
+from starling.sim.geometry import frames
+from starling.sim.geometry.pinhole import Pinhole
 
 UTIMES = (1496765000033333, 1496765000066666, 1496765000100000)
 CODES = np.array([[0, 1000, 2500], [65535, 1, 700]], np.uint16)

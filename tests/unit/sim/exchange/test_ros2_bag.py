@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from patterns.errors import InputError
-from sim import capture, frames
-from sim.exchange import ros2_bag, sequence
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture
+from starling.sim.captures.exchange import ros2_bag, sequence
+from starling.sim.geometry import frames
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="the extra ros is not installed")
 typesys = pytest.importorskip("rosbags.typesys")

@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns.errors import InputError
-from sim import capture, frames
-from sim.exchange import quaternion, tum
-from sim.generation.files import Files
-from sim.pinhole import Pinhole
+from starling.patterns.errors import InputError
+from starling.sim.captures import capture
+from starling.sim.captures.exchange import quaternion, tum
+from starling.sim.datasets.files import Files
+from starling.sim.geometry import frames
+from starling.sim.geometry.pinhole import Pinhole
 
 
 @given(st.lists(st.floats(-3, 3), min_size=3, max_size=3))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import frames
-from sim.frames import Pose
-from sim.pinhole import Pinhole
+from starling.sim.geometry import frames
+from starling.sim.geometry.frames import Pose
+from starling.sim.geometry.pinhole import Pinhole
 
 CAMERA = Pinhole(width=120, height=90, fx_px=110.0, fy_px=118.0, cx_px=57.3, cy_px=46.1)
 NORMAL = np.array([0.3, 0.1, 0.95]) / np.linalg.norm([0.3, 0.1, 0.95])

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns.errors import InputError
-from sim import frames
-from sim.fusion import blocks, surface, volume
-from sim.fusion.volume import Volume
+from starling.patterns.errors import InputError
+from starling.sim.captures.fusion import blocks, surface, volume
+from starling.sim.captures.fusion.volume import Volume
+from starling.sim.geometry import frames
 from tests.unit.sim.fusion import bodies
 
 VOXEL_M = 0.01

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from patterns.errors import InputError
-from sim import frames
-from sim.exchange.stream import Moment, Stream
-from sim.frames import Pose
-from sim.fusion import trajectory
+from starling.patterns.errors import InputError
+from starling.sim.captures.exchange.stream import Moment, Stream
+from starling.sim.captures.fusion import trajectory
+from starling.sim.geometry import frames
+from starling.sim.geometry.frames import Pose
 from tests.unit.sim.fusion.bodies import CAMERA
 
 

@@ -9,14 +9,14 @@ import pytest
 import trimesh
 from scipy.spatial import Delaunay
 
-from patterns.errors import InputError
-from sim import sensors
-from sim.generation.dropped import Lying, scene
-from sim.generation.source import Heap
-from sim.scene import Scene
-from sim.scenes import solids
+from starling.patterns.errors import InputError
+from starling.sim.datasets.mesh_pile import Lying, scene
+from starling.sim.datasets.source import Heap
+from starling.sim.scene.builtin import solids
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor import presets
 
-SENSOR = sensors.load("d435")
+SENSOR = presets.load("d435")
 
 
 @pytest.fixture(scope="module")

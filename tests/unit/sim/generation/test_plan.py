@@ -13,11 +13,11 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patterns.errors import InputError
-from sim.generation import draw
-from sim.generation import plan as plans
-from sim.generation.source import Heap, Word
-from sim.generation.view import view
+from starling.patterns.errors import InputError
+from starling.sim.datasets import draw
+from starling.sim.datasets import plan as plans
+from starling.sim.datasets.source import Heap, Word
+from starling.sim.datasets.view import view
 
 SMALL: dict[str, Any] = {
     "seed": 7,

@@ -1,0 +1,57 @@
+"""Make the models that come with the program: hybrid and network, learnt from varied cameras.
+
+A D435 at 640x360 is what all are taken for; each of 240 scenes is seen by a camera that departs
+from it in ten effects (`learning/data/varied_cameras.py`). Captures, physics and models are kept in the
+output folder, and what is there is not made again. Copy `hybrid-varied` and `network-varied`,
+weights and record, to `learning/shipped`.
+
+    python benchmarks/learning/ndp_start.py OUT
+"""
+
+import argparse
+from pathlib import Path
+
+from starling.learning import registry
+from starling.learning.commands import train_captures
+from starling.learning.data import varied_cameras
+from starling.learning.data.captured import Simulation
+from starling.sim.console import progress
+from starling.sim.console.output import RECORD
+from starling.sim.sensor import presets, resolve
+from starling.sim.sensor.edits import with_values
+
+SCENES = [f"tabletop:{n}" if n % 5 == 4 else f"clutter:{n}" for n in range(400, 640)]
+BELIEVED = [
+    *(("width", 640), ("height", 360), ("fx_px", 322.0), ("fy_px", 322.0)),
+    *(("cx_px", 319.5), ("cy_px", 179.5)),
+]
+STEPS, SEED = 2400, 3
+
+
+def main() -> None:
+    """Make captures, physics and models."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("out", type=Path)
+    out = parser.parse_args().out
+    with progress.on_stderr() as tell:
+        if not (out / "varied" / RECORD).is_file():
+            believed = with_values(presets.load("d435"), BELIEVED)
+            varied_cameras.write(out / "varied", SCENES, believed, seed=SEED, tell=tell)
+        camera = resolve.load("d435", captures=str(out / "varied"))
+        for method in ("hybrid", "network"):
+            if (out / f"{method}-varied" / RECORD).is_file():
+                continue
+            train_captures.train_captures(
+                method,
+                str(out / "varied"),
+                out / f"{method}-varied",
+                simulation=Simulation(sensor=camera, cache=out / "physics")
+                if method in registry.ON_PHYSICS
+                else None,
+                steps=STEPS,
+                tell=tell,
+            )
+
+
+if __name__ == "__main__":
+    main()

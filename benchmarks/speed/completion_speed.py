@@ -1,0 +1,54 @@
+"""How long methods of completion take for one 640x480 frame of a simulated D415, and their size.
+
+    python benchmarks/speed/completion_speed.py [--repeats 15]
+
+The network's weights are unlearnt: they cost as much as learnt ones. Medians; the first does not
+count.
+"""
+
+import argparse
+import statistics
+import time
+from functools import partial
+
+import cv2
+import torch
+
+from starling.learning.completion import methods
+from starling.learning.completion.method import complete
+from starling.learning.completion.small.method import Small
+from starling.learning.completion.small.network import SmallNetwork
+from starling.learning.networks.training.learner import device, initialised
+from starling.learning.networks.unet import parameter_count
+from starling.sim import simulate
+from starling.sim.scene import sources
+from starling.sim.sensor import resolve
+
+SIZE = ("width=640", "height=480", "fx_px=448", "fy_px=448", "cx_px=319.5", "cy_px=239.5")
+
+
+def main() -> None:
+    """Print a row for each method."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=15)
+    asked = parser.parse_args()
+    sensor = resolve.load("d415", edits=SIZE)
+    shot = simulate.simulate(sources.load("room:2", sensor), sensor, seed=0)
+    depth = shot.depth
+    network = initialised(SmallNetwork, 0).eval().requires_grad_(False)
+    print(
+        f"{torch.get_num_threads()} threads of torch, {cv2.getNumThreads()} of OpenCV, {device()}"
+    )
+    print(f"small has {parameter_count(network):,} parameters")
+    for method in (Small(network), *map(methods.asked, methods.CLASSICAL)):
+        run = partial(complete, method, shot.ir_left, depth.depth_m, depth.valid)
+        spent = []
+        for _ in range(asked.repeats + 1):
+            started = time.perf_counter()
+            run()
+            spent.append(time.perf_counter() - started)
+        print(f"{method.name:16}{1e3 * statistics.median(spent[1:]):8.1f} ms")
+
+
+if __name__ == "__main__":
+    main()

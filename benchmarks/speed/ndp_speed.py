@@ -1,0 +1,83 @@
+"""How long a network takes for one 640x480 image, and a hybrid beside the physics it builds on.
+
+    python benchmarks/speed/ndp_speed.py [--repeats 30]
+
+Weights are unlearnt: they cost as much as learnt ones. Medians.
+"""
+
+import argparse
+import statistics
+import time
+from functools import partial
+
+import torch
+
+from starling.learning.data import simulated
+from starling.learning.data.captured import DRAWS
+from starling.learning.data.example import Example
+from starling.learning.methods.hybrid import Hybrid, HybridPredictor
+from starling.learning.methods.network import Network
+from starling.learning.networks import inference
+from starling.learning.networks.training.channels import channels
+from starling.learning.networks.training.learner import device, placed
+from starling.sim import simulate
+from starling.sim.captures import writer
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene import sources
+from starling.sim.sensor import resolve
+
+SIZE = ("width=640", "height=480", "fx_px=380", "fy_px=380", "cx_px=319.5", "cy_px=239.5")
+
+
+def main() -> None:
+    """Print a row for each part."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=30)
+    asked = parser.parse_args()
+    sensor = resolve.load("d435", edits=SIZE)
+    stage = Stage(sources.load("clutter", sensor))
+    shot = simulate.simulate(stage, sensor, seed=0)
+    once_s, physics_s = (
+        _median(partial(simulated.physics, stage, sensor, draws=draws), 5) for draws in (1, DRAWS)
+    )
+    example = Example(
+        scene="clutter",
+        room="clutter",
+        info=writer.info_of(sensor, source="", licence="", notes=""),
+        depth_m=shot.layers.truth.depth_m,
+        physics=simulated.physics(stage, sensor, draws=DRAWS),
+    )
+    network = placed(Network().unlearnt()).eval()
+    hybrid = placed(Hybrid().unlearnt()).eval()
+    seen = channels(example, with_reflectance=False, with_physics=False)
+    predictor = HybridPredictor(hybrid, False, example.info.shape)
+    rows = {
+        "what a network sees": lambda: channels(
+            example, with_reflectance=False, with_physics=False
+        ),
+        "network": lambda: inference.apply(network, seen),
+        "hybrid, all but the physics": lambda: predictor.probability(example),
+    }
+    print(f"{torch.get_num_threads()} threads, {device()}")
+    print(f"{'physics, 1 draw':32}{1e3 * once_s:9.1f} ms")
+    print(f"{f'physics, {DRAWS} draws':32}{1e3 * physics_s:9.1f} ms")
+    taken_s = {name: _median(work, asked.repeats) for name, work in rows.items()}
+    for name, seconds in taken_s.items():
+        print(f"{name:32}{1e3 * seconds:9.1f} ms")
+    whole_s = physics_s + taken_s["hybrid, all but the physics"]
+    print(f"{'hybrid against physics':32}{whole_s / physics_s:9.2f}")
+    print(f"{'hybrid against one frame':32}{whole_s / once_s:9.2f}")
+
+
+def _median(work, repeats):
+    work()
+    taken = []
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        work()
+        taken.append(time.perf_counter() - begun)
+    return statistics.median(taken)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Least squares: solvers, elimination of local unknowns, uncertainty."""

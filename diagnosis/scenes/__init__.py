@@ -1,0 +1,1 @@
+"""Scenes under diagnosis: what is observed and what is simulated."""

@@ -1,0 +1,1 @@
+"""Transfer of a simulated effect onto captured images."""

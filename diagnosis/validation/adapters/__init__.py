@@ -1,0 +1,1 @@
+"""Programs that connect the validation to Starling."""

@@ -1,0 +1,191 @@
+"""Light for the check on withheld effects: scenes as photo-electrons that no camera has touched.
+
+The other side of the check reads these files and nothing else: what a lens, an imager and a matcher
+do to the light is its own, written a second time.
+
+    python -m starling.diagnosis.validation.adapters.light_sets OUT SCENE [SCENE ...] [--width 640 --height 360]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.diagnosis.scenes import projector_frame
+from starling.diagnosis.validation.adapters import check_camera, program
+from starling.patterns.errors import refuse
+from starling.sim import simulate
+from starling.sim.captures import info as capture_info
+from starling.sim.captures import png, writer
+from starling.sim.console import progress
+from starling.sim.console.output import OutputFolder
+from starling.sim.effects import setting as setting
+from starling.sim.imaging.imager import electrons_per_radiance
+from starling.sim.render.layers import Layers
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene import sources
+from starling.sim.scene.captured import known_geometry
+from starling.sim.sensor import presets
+from starling.sim.sensor.edits import with_values
+from starling.sim.sensor.sensor import Sensor
+
+LIGHT, NOMINAL, SENSOR = "light.npz", "nominal.json", "sensor.toml"
+OTHER_M = 0.2  # How far to the right another device's projector stands.
+_EVEN_PX = 64  # Of a pattern that is even light.
+
+
+def write(
+    out: Path,
+    names: Sequence[str],
+    sensor: Sensor,
+    *,
+    tell: progress.Progress = progress.silent,
+) -> None:
+    """Write builtin scenes as light, beside what a capture set says of them.
+
+    Args:
+        out: folder to make.
+        names: builtin scenes, each once.
+        sensor: nominal; its geometry, projector and scale of electrons count.
+        tell: wraps the loop over scenes.
+
+    Raises:
+        InputError: if a scene is unknown or named twice, or the folder cannot be written.
+    """
+    if len(set(names)) < len(names) or not names:
+        found = f"{len(names)}, {len(set(names))} of them different"
+        raise refuse("scenes", "must be at least one, each once", found, "Correct the list.")
+    info = writer.info_of(sensor, source="check", licence="Apache-2.0", notes="simulated")
+    with OutputFolder(out, force=False) as folder, tempfile.TemporaryDirectory() as temporary:
+        even = _even(sensor, Path(temporary))
+        folder.write(capture_info.FILE, capture_info.dumps(info).encode())
+        loaded = {name: sources.load(name, sensor) for name in names}
+        ambient = {
+            (scene.ambient.irradiance_w_m2, scene.ambient.gradient) for scene in loaded.values()
+        }
+        if len(ambient) > 1:
+            raise refuse("scenes", "must share one ambient light", sorted(ambient), "Part them.")
+        level, gradient = ambient.pop()
+        told = {**nominal(sensor), "ambient_w_m2": level, "ambient_gradient": gradient}
+        folder.write(NOMINAL, json.dumps(told, indent=1).encode())
+        folder.write(SENSOR, presets.dumps(sensor).encode())
+        for name, scene in tell(list(loaded.items()), "light"):
+            place = name.replace(":", "-")
+            stage = Stage(scene)
+            layers = simulate.rendered(stage, sensor)
+            evenly = simulate.rendered(stage, even)
+            other_sensor, other_scene = setting.apply(
+                sensor, scene, {"second_projector": 1.0, "second_projector.x": OTHER_M}
+            )
+            beside = simulate.rendered(Stage(other_scene), other_sensor)
+            up = scene.world_from_left[:3, :3].T @ np.array(scene.ambient.up)
+            arrays = _arrays(sensor, layers, evenly, beside) | {"left_up": up, "right_up": up}
+            folder.write_by(f"{place}/{LIGHT}", partial(_save, arrays))
+            writer.write_scene(
+                folder,
+                place,
+                room=place,
+                truth_m=layers.truth.depth_m,
+                depth_unit_m=sensor.post.depth_unit_m,
+                known=known_geometry.describe(name, scene.world_from_left, folder.path / place),
+            )
+
+
+def nominal(sensor: Sensor) -> dict[str, Any]:
+    """What the other side is told of the camera."""
+    imager = sensor.left
+    return {
+        "width": sensor.width,
+        "height": sensor.height,
+        "fx_px": sensor.fx_px,
+        "fy_px": sensor.fy_px,
+        "cx_px": sensor.cx_px,
+        "cy_px": sensor.cy_px,
+        "baseline_m": sensor.baseline_m,
+        "exposure_s": imager.exposure_s,
+        "gain": imager.gain,
+        "power_w": sensor.projector.power_w,
+        "full_well_e": imager.full_well_e,
+        "bit_depth": imager.bit_depth,
+        "dn_per_e": imager.dn_per_electron / imager.gain,
+        "black_level_dn": imager.black_level_dn,
+        "depth_unit_m": sensor.post.depth_unit_m,
+        "read_noise_e": imager.read_noise_e,
+        "shot_noise": imager.shot_noise,
+        "lens_blur_px": imager.lens.blur_px,
+        "smoothing_px": imager.smoothing_px,
+        "speckle_contrast": sensor.projector.speckle_contrast,
+        "lens_focus_m": imager.lens.focus_m,
+        "projector_focus_m": sensor.projector.focus_m,
+        "projector_x_m": sensor.projector.position_m[0],
+        "quantum_efficiency": imager.quantum_efficiency,
+        "pixel_pitch_m": imager.pixel_pitch_m,
+        "f_number": imager.lens.f_number,
+        "wavelength_nm": sensor.projector.wavelength_nm,
+    }
+
+
+def _save(arrays: dict[str, NDArray[Any]], path: Path) -> None:
+    with path.open("wb") as file:  # A name without this suffix would be given it.
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+
+
+def _even(sensor: Sensor, folder: Path) -> Sensor:
+    """The sensor with a projector of even light."""
+    path = folder / "even.png"
+    path.write_bytes(png.encode(np.full((_EVEN_PX, _EVEN_PX), 255, np.uint8)))
+    return with_values(sensor, [("projector.pattern", str(path))])
+
+
+def _arrays(
+    sensor: Sensor, layers: Layers, evenly: Layers, beside: Layers
+) -> dict[str, NDArray[Any]]:
+    wavelength, found = sensor.projector.wavelength_nm, {}
+    for side, imager in (("left", sensor.left), ("right", sensor.right)):
+        view, even, other = (getattr(one, side) for one in (layers, evenly, beside))
+        scale = electrons_per_radiance(imager, wavelength, imager.exposure_s)
+        power = scale * sensor.projector.power_w
+        seen = projector_frame.tangents(view.depth_m, sensor, right=side == "right")
+        found |= {
+            f"{side}_laser_e": view.projector_direct * np.float32(power),
+            f"{side}_even_e": even.projector_direct * np.float32(power),
+            f"{side}_ambient_e": view.ambient * np.float32(scale),
+            f"{side}_other_e": other.other * np.float32(scale),
+            f"{side}_depth_m": view.depth_m,
+            f"{side}_body": view.body,
+            f"{side}_px": seen[..., 0],
+            f"{side}_py": seen[..., 1],
+        }
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; 1 where something is refused."""
+    parser = argparse.ArgumentParser(
+        prog="python -m starling.diagnosis.validation.adapters.light_sets",
+        description="Write builtin scenes as light, and the sensor that they are for.",
+    )
+    parser.add_argument("out", type=Path, help="folder to make")
+    parser.add_argument("scenes", nargs="+", help="builtin scenes, such as clutter:7")
+    parser.add_argument("--width", type=int, default=640, help="default: %(default)s")
+    parser.add_argument("--height", type=int, default=360, help="default: %(default)s")
+    asked = parser.parse_args(arguments)
+
+    def work(tell: progress.Progress) -> None:
+        sensor = check_camera.camera(asked.width, asked.height)
+        write(asked.out, asked.scenes, sensor, tell=tell)
+
+    return program.run(work)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

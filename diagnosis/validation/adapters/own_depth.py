@@ -1,0 +1,75 @@
+"""Depth of capture sets that have infrared alone, by our matcher.
+
+    python -m starling.diagnosis.validation.adapters.own_depth CASES --sensor FILE
+
+For the check on withheld effects: a device whose matcher is known, so that filters behind it can be
+withheld. CASES holds capture sets in folders of their own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from starling.diagnosis.scenes.observation import measured
+from starling.diagnosis.validation.adapters import program
+from starling.patterns.errors import refuse
+from starling.sim.captures import capture, png
+from starling.sim.captures.capture import CapturedScene
+from starling.sim.console import output, progress
+from starling.sim.console.threads import single_threaded
+from starling.sim.sensor import presets
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import depth_from_disparity, to_code
+
+DEPTH = "depth.png"
+
+
+def write(cases: Path, sensor: Sensor, *, tell: progress.Progress = progress.silent) -> None:
+    """Match every infrared pair that has no depth beside it.
+
+    Args:
+        cases: folder of capture sets.
+        sensor: whose matcher and depth unit are taken.
+        tell: wraps the loop over capture sets.
+
+    Raises:
+        InputError: if there is no capture set or one is damaged.
+    """
+    for folder in tell(program.capture_sets(cases), "depth"):
+        for scene in capture.open_set(folder).scenes:
+            for number in scene.frames:
+                path = scene.path / str(number) / DEPTH
+                if not path.exists():
+                    output.write_file(path, png.encode(_codes(scene, number, sensor)))
+
+
+def _codes(scene: CapturedScene, number: int, sensor: Sensor) -> np.ndarray:
+    frame = scene.frame(number)
+    if frame.ir_left is None or frame.ir_right is None:
+        raise refuse("capture", "must be an infrared pair", scene.path, "Take it again.")
+    (disparity_px,) = measured(frame.ir_left[None], frame.ir_right[None], sensor)
+    info = scene.info
+    depth_m = depth_from_disparity(disparity_px, focal_px=info.fx_px, baseline_m=info.baseline_m)
+    return to_code(depth_m, info.depth_unit_m)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; 1 where something is refused."""
+    parser = argparse.ArgumentParser(
+        prog="python -m starling.diagnosis.validation.adapters.own_depth",
+        description="Match infrared pairs of capture sets.",
+    )
+    parser.add_argument("cases", type=Path, help="folder of capture sets")
+    parser.add_argument("--sensor", required=True, help="preset or sensor file of all of them")
+    asked = parser.parse_args(arguments)
+    single_threaded()
+    return program.run(lambda tell: write(asked.cases, presets.load(asked.sensor), tell=tell))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

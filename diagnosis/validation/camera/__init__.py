@@ -1,0 +1,1 @@
+"""A second camera model, independent of the simulator."""

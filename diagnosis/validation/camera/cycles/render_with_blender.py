@@ -1,0 +1,378 @@
+"""Render a job's light with Blender's Cycles: a script for Blender's own environment.
+
+Run it as `PYTHON render_with_blender.py JOB OUT [--threads N]`, where PYTHON has `bpy`; it imports
+nothing else but numpy and the standard library, and nothing of Starling. What stands in a job:
+`starling.diagnosis.validation.camera.cycles.job`. It writes to OUT, (h, w, 3) float32 each, for left and right:
+
+- `SIDE_own.npy`: radiance [W m^-2 sr^-1] of the device's projector, 1 W: with its dots, even, 0.
+- `SIDE_other.npy`: radiance [W m^-2 sr^-1] of the other device's projector, 1 W, in the first.
+- `SIDE_ambient.npy`: radiance [W m^-2 sr^-1] of the sky in the first.
+- `SIDE_geometry.npy`: depth z [m], number of the body and 1 where a pixel's centre meets one.
+
+and `rendered.json`, last.
+
+Each is a render of its own: of several lights Cycles draws one at random for every path, which
+would be noise. Two lights in one place are two colours of one light. Of a point light's direct
+light nothing is random but the place in the pixel.
+"""
+
+# Only Blender's own environment has its modules; functions import them, so that this file can be
+# looked at anywhere.
+# pyright: reportMissingImports=false
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_SENSOR_MM = 36.0  # Any: focal lengths are counted in it.
+_NEAREST_M, _FARTHEST_M = 1e-3, 1e3
+_CENTRE_PX = 0.01  # Width of the filter that sees a pixel's centre alone: the narrowest there is.
+_MISS_PX = 1e-2  # By which a camera may miss the pixel that it was asked for.
+# Blender counts a point light's power over the whole sphere.
+_POWER_PER_INTENSITY = 4 * math.pi  # [W] for 1 W sr^-1
+
+
+def main() -> None:
+    """Read the command line and render."""
+    parser = argparse.ArgumentParser(description="Render a job's light with Blender's Cycles.")
+    parser.add_argument("job", type=Path, help="folder with job.json")
+    parser.add_argument("out", type=Path, help="folder for the images")
+    parser.add_argument("--threads", type=int, default=0, help="0 takes all cores")
+    asked = parser.parse_args()
+    table = json.loads((asked.job / "job.json").read_text(encoding="utf-8"))
+    asked.out.mkdir(parents=True, exist_ok=True)
+    started = time.monotonic()
+    render(asked.job, table, asked.out, asked.threads)
+    import bpy
+
+    told = {"blender": bpy.app.version_string, "seconds": time.monotonic() - started}
+    (asked.out / "rendered.json").write_text(json.dumps(told), encoding="utf-8")
+
+
+def render(job: Path, table: dict[str, Any], out: Path, threads: int) -> None:
+    """Render every layer of a job.
+
+    Args:
+        job: folder of the arrays that the table names.
+        table: `job.json`.
+        out: folder for the images.
+        threads: to render with, 0 for all cores.
+    """
+    import bpy
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    _settings(table, threads)
+    things = [_body(job, body) for body in table["bodies"]]
+    lights = {name: _projector(job, name, part) for name, part in table["projectors"].items()}
+    _sky(table["sky"])
+    for number, (side, pose) in enumerate(table["cameras"].items()):
+        _camera(table, np.array(pose))
+        seed = 2 * int(table["seed"]) + number  # No two views have one noise.
+        for name in lights:
+            _choose(lights, name, sky=False)
+            _shade(things, open_sky=False)
+            _take(out / f"{side}_{name}.npy", table["samples"], seed)
+        _choose(lights, None, sky=True)
+        _shade(things, open_sky=True)
+        _take(out / f"{side}_ambient.npy", table["samples"], seed)
+        _choose(lights, None, sky=False)
+        _take(out / f"{side}_geometry.npy", 1, seed, override=_geometry())
+
+
+def _settings(table: dict[str, Any], threads: int) -> None:
+    """Direct light alone, unclamped, no sample left out, a pixel's own square as its filter."""
+    import bpy
+
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x, scene.render.resolution_y = table["width"], table["height"]
+    scene.render.resolution_percentage = 100
+    scene.render.film_transparent = True  # Where there is no body there is no light.
+    scene.render.use_persistent_data = True
+    scene.render.dither_intensity = 0.0
+    scene.render.threads_mode = "FIXED" if threads else "AUTO"
+    if threads:
+        scene.render.threads = threads
+    kind = scene.render.image_settings
+    kind.file_format, kind.color_mode, kind.color_depth = "OPEN_EXR", "RGBA", "32"
+    kind.exr_codec = "ZIP"
+    scene.view_settings.view_transform = "Raw"
+    cycles = scene.cycles
+    cycles.device = "CPU"
+    cycles.use_adaptive_sampling = False
+    cycles.use_denoising = False
+    cycles.use_animated_seed = False
+    cycles.light_sampling_threshold = 0.0
+    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
+    cycles.blur_glossy = 0.0
+    cycles.max_bounces = cycles.min_light_bounces = cycles.min_transparent_bounces = 0
+
+
+def _take(path: Path, samples: int, seed: int, override: Any = None) -> None:
+    """Render the scene as it stands to an array (h, w, 3) float32."""
+    import bpy
+
+    scene = bpy.context.scene
+    scene.cycles.samples, scene.cycles.seed = samples, seed
+    scene.cycles.pixel_filter_type = "GAUSSIAN" if override else "BOX"
+    scene.cycles.filter_width = _CENTRE_PX
+    bpy.context.view_layer.material_override = override
+    with tempfile.TemporaryDirectory() as folder:
+        scene.render.filepath = str(Path(folder, "image.exr"))
+        bpy.ops.render.render(write_still=True)
+        np.save(path, _pixels(Path(scene.render.filepath)))
+    print(f"rendered {path.name}", file=sys.stderr, flush=True)
+
+
+def _pixels(path: Path) -> NDArray[np.float32]:
+    """First three channels (h, w, 3) of an OpenEXR file, first row on top."""
+    import bpy
+
+    image = bpy.data.images.load(str(path))
+    image.colorspace_settings.name = "Non-Color"
+    width, height = image.size
+    values = np.empty(width * height * image.channels, np.float32)
+    image.pixels.foreach_get(values)
+    bpy.data.images.remove(image)
+    return values.reshape(height, width, -1)[::-1, :, :3].copy()
+
+
+def _camera(table: dict[str, Any], world_from_camera: NDArray[np.float64]) -> None:
+    """Put the camera where a view's is; Blender's looks along -z with y up."""
+    import bpy
+    from mathutils import Matrix
+
+    scene = bpy.context.scene
+    if scene.camera is None:
+        scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+        scene.collection.objects.link(scene.camera)
+    fx, fy = table["focal_px"]
+    cx, cy = table["centre_px"]
+    width, height = table["width"], table["height"]
+    # A pixel is as high as fx / fy of its width, and neither of Blender's numbers may be below 1.
+    scene.render.pixel_aspect_x = max(1.0, fy / fx)
+    scene.render.pixel_aspect_y = max(1.0, fx / fy)
+    part = scene.camera.data
+    part.sensor_fit, part.sensor_width = "HORIZONTAL", _SENSOR_MM
+    part.lens = fx * _SENSOR_MM / width
+    part.clip_start, part.clip_end = _NEAREST_M, _FARTHEST_M
+    part.shift_x = ((width - 1) / 2 - cx) / width
+    part.shift_y = (cy - (height - 1) / 2) * (fx / fy) / width
+    pose = world_from_camera @ np.diag([1.0, -1.0, -1.0, 1.0])
+    scene.camera.matrix_world = Matrix(pose.tolist())
+    bpy.context.view_layer.update()
+    _check_camera(table, world_from_camera)
+
+
+def _check_camera(table: dict[str, Any], world_from_camera: NDArray[np.float64]) -> None:
+    """Stop if Blender's own projection of points misses the pixels that the job asks for."""
+    import bpy
+    from bpy_extras.object_utils import world_to_camera_view
+    from mathutils import Vector
+
+    scene, (width, height) = bpy.context.scene, (table["width"], table["height"])
+    fx, fy = table["focal_px"]
+    cx, cy = table["centre_px"]
+    for x, y in ((0, 0), (width - 1, 0), (0, height - 1), (width / 3, height / 4)):
+        local = np.array([(x - cx) / fx, (y - cy) / fy, 1.0]) * 1.5
+        point = world_from_camera[:3, :3] @ local + world_from_camera[:3, 3]
+        seen = world_to_camera_view(scene, scene.camera, Vector(point.tolist()))
+        at = seen[0] * width - 0.5, (1 - seen[1]) * height - 0.5
+        if math.dist(at, (x, y)) > _MISS_PX:
+            raise SystemExit(
+                f"camera must see a point at pixel ({x:g}, {y:g}); got ({at[0]:g}, {at[1]:g}). "
+                "Take the version of bpy that tools/blender.sh installs."
+            )
+
+
+def _body(job: Path, table: dict[str, Any]) -> Any:
+    """One body with its surface; its number is its pass index."""
+    import bpy
+
+    vertices, faces = np.load(job / table["vertices"]), np.load(job / table["faces"])
+    mesh = bpy.data.meshes.new(table["name"])
+    mesh.from_pydata(vertices.tolist(), [], faces.tolist())
+    if table["normals"]:
+        mesh.shade_smooth()
+        mesh.normals_split_custom_set_from_vertices(np.load(job / table["normals"]).tolist())
+    else:
+        mesh.shade_flat()
+    mesh.materials.append(_surface(table))
+    thing = bpy.data.objects.new(table["name"], mesh)
+    thing.pass_index = table["number"]
+    bpy.context.scene.collection.objects.link(thing)
+    return thing
+
+
+def _shade(things: list[Any], *, open_sky: bool) -> None:
+    """Let bodies stand in each other's light; under an open sky they do not."""
+    for thing in things:
+        thing.visible_shadow = thing.visible_diffuse = thing.visible_glossy = not open_sky
+
+
+def _nodes(tree: Any) -> tuple[Any, Any]:
+    tree.use_nodes = True
+    tree.node_tree.nodes.clear()
+    return tree.node_tree.nodes, tree.node_tree.links
+
+
+def _surface(table: dict[str, Any]) -> Any:
+    """What a body's surface returns: matt, matt under a clear coat, or bare metal."""
+    import bpy
+
+    material = bpy.data.materials.new(table["name"])
+    nodes, links = _nodes(material)
+    out = nodes.new("ShaderNodeOutputMaterial")
+    grey = (_base(table),) * 3 + (1.0,)
+    if table["kind"] == "diffuse":
+        surface = nodes.new("ShaderNodeBsdfDiffuse")
+        surface.inputs["Color"].default_value = grey
+        surface.inputs["Roughness"].default_value = 0.0
+    else:
+        surface = nodes.new("ShaderNodeBsdfPrincipled")
+        surface.distribution = "GGX"  # As materials are given: light that leaves at once.
+        surface.inputs["Base Color"].default_value = grey
+        # Blender's roughness is the root of the microfacets' slope.
+        surface.inputs["Roughness"].default_value = math.sqrt(table["roughness"])
+        surface.inputs["Metallic"].default_value = float(table["kind"] == "metal")
+        surface.inputs["IOR"].default_value = table["ior"]
+    links.new(surface.outputs["BSDF"], out.inputs["Surface"])
+    return material
+
+
+def _base(table: dict[str, Any]) -> float:
+    """Base colour: of a coated body what the coat leaves to its ground, of others the reflectance.
+
+    Blender lets through what the coat does not mirror, 1 - F, so that R = F + (1 - F) base.
+    """
+    if table["kind"] != "glossy":
+        return table["reflectance"]
+    mirrored = ((table["ior"] - 1) / (table["ior"] + 1)) ** 2
+    return max(table["reflectance"] - mirrored, 0.0) / (1 - mirrored)
+
+
+def _projector(job: Path, name: str, table: dict[str, Any]) -> Any:
+    """A point that shines as an image on its tangent plane says [W sr^-1], into its field alone."""
+    import bpy
+    from mathutils import Matrix
+
+    lamp = bpy.data.lights.new(name, "POINT")
+    lamp.energy, lamp.color, lamp.shadow_soft_size = _POWER_PER_INTENSITY, (1.0, 1.0, 1.0), 0.0
+    lamp.use_soft_falloff = False
+    thing = bpy.data.objects.new(name, lamp)
+    world_from_projector = np.array(table["world_from_projector"])
+    thing.matrix_world = Matrix(world_from_projector.tolist())
+    bpy.context.scene.collection.objects.link(thing)
+    nodes, links = _nodes(lamp)
+    incoming = nodes.new("ShaderNodeNewGeometry").outputs["Incoming"]  # From lamp to surface.
+
+    def maths(operation: str, *operands: Any) -> Any:
+        node = nodes.new("ShaderNodeMath")
+        node.operation = operation
+        for socket, operand in zip(node.inputs, operands, strict=False):
+            if isinstance(operand, float):
+                socket.default_value = operand
+            else:
+                links.new(operand, socket)
+        return node.outputs[0]
+
+    def along(axis: NDArray[np.float64]) -> Any:
+        node = nodes.new("ShaderNodeVectorMath")
+        node.operation = "DOT_PRODUCT"
+        links.new(incoming, node.inputs[0])
+        node.inputs[1].default_value = axis.tolist()
+        return node.outputs["Value"]
+
+    x, y, z = (along(axis) for axis in world_from_projector[:3, :3].T)
+    half_x, half_y = table["half_tangents"]
+    place = nodes.new("ShaderNodeCombineXYZ")  # (0, 0) is the image's lower left corner.
+    links.new(maths("MULTIPLY_ADD", maths("DIVIDE", x, z), 0.5 / half_x, 0.5), place.inputs[0])
+    links.new(maths("MULTIPLY_ADD", maths("DIVIDE", y, z), -0.5 / half_y, 0.5), place.inputs[1])
+    image = nodes.new("ShaderNodeTexImage")
+    image.image = _image(name, np.load(job / table["intensity_w_sr"]))
+    image.interpolation, image.extension = "Linear", "CLIP"
+    links.new(place.outputs[0], image.inputs["Vector"])
+    shine = nodes.new("ShaderNodeEmission")
+    links.new(image.outputs["Color"], shine.inputs["Color"])
+    links.new(maths("GREATER_THAN", z, 0.0), shine.inputs["Strength"])
+    links.new(shine.outputs[0], nodes.new("ShaderNodeOutputLight").inputs["Surface"])
+    return thing
+
+
+def _image(name: str, channels: NDArray[np.float32]) -> Any:
+    """An image of (h, w, up to 3) linear values, first row on top."""
+    import bpy
+
+    height, width, held = channels.shape
+    values = np.zeros((height, width, 4), np.float32)
+    values[..., :held], values[..., 3] = channels[::-1], 1.0
+    image = bpy.data.images.new(name, width, height, float_buffer=True, is_data=True)
+    image.colorspace_settings.name = "Non-Color"
+    image.pixels.foreach_set(values.reshape(-1))
+    image.update()
+    return image
+
+
+def _sky(table: dict[str, Any]) -> None:
+    """A sky of radiance L0 (1 + g w . up) in direction w, pi L0 being its irradiance."""
+    import bpy
+
+    world = bpy.data.worlds.new("sky")
+    bpy.context.scene.world = world
+    world.cycles.sampling_method = "NONE"  # Where surfaces send it is where it is looked for.
+    nodes, links = _nodes(world)
+    dot = nodes.new("ShaderNodeVectorMath")
+    dot.operation = "DOT_PRODUCT"
+    links.new(nodes.new("ShaderNodeTexCoord").outputs["Generated"], dot.inputs[0])
+    dot.inputs[1].default_value = table["up"]
+    strength = nodes.new("ShaderNodeMath")
+    strength.operation = "MULTIPLY_ADD"
+    level = table["irradiance_w_m2"] / math.pi
+    links.new(dot.outputs["Value"], strength.inputs[0])
+    strength.inputs[1].default_value = level * table["gradient"]
+    strength.inputs[2].default_value = level
+    shine = nodes.new("ShaderNodeBackground")
+    links.new(strength.outputs[0], shine.inputs["Strength"])
+    shine.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    links.new(shine.outputs[0], nodes.new("ShaderNodeOutputWorld").inputs["Surface"])
+
+
+def _choose(lights: dict[str, Any], name: str | None, *, sky: bool) -> None:
+    """Switch on one projector, or the sky, or nothing."""
+    import bpy
+
+    for key, light in lights.items():
+        light.hide_render = key != name
+    bpy.context.scene.world = bpy.data.worlds["sky"] if sky else None
+
+
+def _geometry() -> Any:
+    """A surface that shines as its own depth, its body's number, and 1."""
+    import bpy
+
+    if "geometry" in bpy.data.materials:
+        return bpy.data.materials["geometry"]
+    material = bpy.data.materials.new("geometry")
+    material.cycles.emission_sampling = "NONE"  # It is seen, and lights nothing.
+    nodes, links = _nodes(material)
+    told = nodes.new("ShaderNodeCombineXYZ")
+    links.new(nodes.new("ShaderNodeCameraData").outputs["View Z Depth"], told.inputs[0])
+    links.new(nodes.new("ShaderNodeObjectInfo").outputs["Object Index"], told.inputs[1])
+    told.inputs[2].default_value = 1.0
+    shine = nodes.new("ShaderNodeEmission")
+    links.new(told.outputs[0], shine.inputs["Color"])
+    links.new(shine.outputs[0], nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
+    return material
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,149 @@
+"""The camera that everybody believes in: `nominal.json` beside the scenes."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.diagnosis.validation.camera.errors import refusal
+
+FILE = "nominal.json"
+_PLACES = {"cx_px", "cy_px", "projector_x_m"}  # Of any sign.
+_MAY_BE_ZERO = {
+    "ambient_w_m2",
+    "ambient_gradient",
+    "black_level_dn",
+    "read_noise_e",
+    "shot_noise",
+    "lens_blur_px",
+    "smoothing_px",
+    "speckle_contrast",
+}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Nominal:
+    """Settings of the camera before any effect; one pinhole for both imagers."""
+
+    width: int  # [px]
+    height: int  # [px]
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    baseline_m: float
+    exposure_s: float
+    power_w: float  # Of the projector.
+    ambient_w_m2: float
+    ambient_gradient: float
+    full_well_e: float
+    bit_depth: int
+    dn_per_e: float  # Codes are black_level_dn + gain dn_per_e electrons.
+    gain: float
+    black_level_dn: float
+    depth_unit_m: float
+    read_noise_e: float
+    shot_noise: float  # Share of Poisson's deviation.
+    lens_blur_px: float  # Gaussian sigma of the lens.
+    projector_x_m: float
+    quantum_efficiency: float | None = None
+    pixel_pitch_m: float | None = None
+    f_number: float | None = None
+    wavelength_nm: float | None = None
+    smoothing_px: float = 0.0  # Gaussian sigma by which the device averages codes.
+    speckle_contrast: float = 0.0  # Of the projector's light, in a pixel, before that.
+    lens_focus_m: float = 1.0
+    projector_focus_m: float = 1.0
+
+    def __post_init__(self) -> None:
+        for item in dataclasses.fields(self):
+            value = getattr(self, item.name)
+            if value is None:
+                continue
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise refusal(item.name, "must be a number", repr(value), f"Correct {FILE}.")
+            if not math.isfinite(value):
+                raise refusal(item.name, "must be finite", value, f"Correct {FILE}.")
+            if item.name in _PLACES:
+                continue
+            free = item.name in _MAY_BE_ZERO
+            if value < 0 if free else value <= 0:
+                rule = "must be >= 0" if free else "must be > 0"
+                raise refusal(item.name, rule, value, f"Correct {FILE}.")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(h, w) of every image."""
+        return self.height, self.width
+
+    @property
+    def focal_baseline_px_m(self) -> float:
+        """Disparity [px] times depth [m]."""
+        return self.fx_px * self.baseline_m
+
+    @property
+    def half_diagonal_px(self) -> float:
+        """Half the image's diagonal [px], the unit of radii on the effects' pages."""
+        return 0.5 * math.hypot(self.width, self.height)
+
+    def tangents(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """x / z and y / z of the rays through the pixels' centres, (h, w) each."""
+        x = (np.arange(self.width, dtype=np.float64) - self.cx_px) / self.fx_px
+        y = (np.arange(self.height, dtype=np.float64) - self.cy_px) / self.fy_px
+        across, down = np.meshgrid(x, y)
+        return across, down
+
+    def radius(self) -> NDArray[np.float64]:
+        """Distance from the principal point over half the diagonal, (h, w)."""
+        x = np.arange(self.width) - self.cx_px
+        y = np.arange(self.height) - self.cy_px
+        return np.hypot(x[None, :], y[:, None]) / self.half_diagonal_px
+
+
+def from_table(table: Mapping[str, Any]) -> Nominal:
+    """Build it from the file's table; keys unknown here are left aside.
+
+    Raises:
+        WithheldError: if a key is missing or a value cannot be.
+    """
+    fields = dataclasses.fields(Nominal)
+    for item in fields:
+        if item.default is dataclasses.MISSING and item.name not in table:
+            raise refusal(FILE, f"must have the key {item.name}", sorted(table), "Add it.")
+    return Nominal(**{item.name: table[item.name] for item in fields if item.name in table})
+
+
+def read(path: Path) -> Nominal:
+    """Read `nominal.json`.
+
+    Raises:
+        WithheldError: if it is missing, no JSON object, lacks a key or holds what cannot be.
+    """
+    return from_table(_table(path))
+
+
+def has(path: Path) -> frozenset[str]:
+    """Names of the effects that the camera of a `nominal.json` has; none where it names none.
+
+    Raises:
+        WithheldError: if the file is missing or no JSON object.
+    """
+    return frozenset(map(str, _table(path).get("has", ())))
+
+
+def _table(path: Path) -> Mapping[str, Any]:
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise refusal(FILE, "must be a readable JSON file", path, f"{error}.") from error
+    if not isinstance(table, dict):
+        raise refusal(FILE, "must be one object", path, "Write {...}.")
+    return table

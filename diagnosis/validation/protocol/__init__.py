@@ -1,0 +1,1 @@
+"""The validation protocol: cases, seals, tiers, verdicts and scores."""

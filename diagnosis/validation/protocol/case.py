@@ -1,0 +1,209 @@
+"""One case of the check: what was done to a camera, and how cases are drawn by lot."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from starling.diagnosis.validation.camera.catalogue import ROWS, Kind, Row, check_names
+from starling.diagnosis.validation.camera.errors import WithheldError, refusal
+from starling.diagnosis.validation.camera.nominal import Nominal
+from starling.diagnosis.validation.protocol.limits import Limits
+
+CaseKind = Literal["null", "single", "pair", "unknown"]
+_KINDS: tuple[CaseKind, ...] = get_args(CaseKind)
+_SEED_BITS = 62
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Case:
+    """A camera with effects. Settings are strengths as in `catalogue.Row`."""
+
+    number: int
+    kind: CaseKind
+    settings: Mapping[str, float] = field(default_factory=dict)
+    seed: int
+
+    def __post_init__(self) -> None:
+        if self.kind not in _KINDS:
+            raise refusal("kind", f"must be one of {_KINDS}", self.kind, "Correct it.")
+        if self.number < 0 or self.seed < 0:
+            raise refusal(
+                "number and seed", "must be >= 0", (self.number, self.seed), "Correct them."
+            )
+        check_names(self.settings)
+
+    @property
+    def name(self) -> str:
+        """Of its files and folders."""
+        return f"{self.number:03d}"
+
+
+def draw(
+    nominal: Nominal,
+    counts: Mapping[CaseKind, int],
+    *,
+    families: Mapping[str, str] | None = None,
+    limits: Limits | None = None,
+    kinds: Sequence[Kind] = ("image",),
+    leave_out: Iterable[str] = (),
+    upwards: Iterable[str] = (),
+    entropy: int | None = None,
+) -> tuple[Case, ...]:
+    """Draw cases by lot.
+
+    Singles go round all effects before any comes again; pairs are of two families; the strengths'
+    departures are log-uniform from the detection limit, or the table's low end, to the high end;
+    numbers are dealt at random, so that they tell nothing of the kind.
+
+    Args:
+        nominal: The camera.
+        counts: How many of each kind of case.
+        families: By effect; one that is not there is a family of its own.
+        limits: Of what is found, where it is known.
+        kinds: Kinds of effects that singles and pairs are drawn from.
+        leave_out: Names of effects that are not drawn.
+        upwards: Names of those that are drawn above their neutral alone.
+        entropy: Where the lot starts; by default the system's own randomness.
+
+    Raises:
+        WithheldError: if a count is negative, a limit is of no effect, or nothing can be drawn.
+    """
+    limits = limits or Limits(departures={}, choices={})
+    names = [*(name for name, _ in limits.departures), *limits.choices]
+    check_names(dict.fromkeys(names, 0.0))
+    skip = set(leave_out)
+    check_names(dict.fromkeys(skip, 0.0))
+    rng = lot(entropy)
+    drawer = _Drawer(
+        rng=rng,
+        nominal=nominal,
+        families=families or {},
+        limits=limits,
+        upwards=frozenset(upwards),
+    )
+    known = drawer.able(row for row in ROWS.values() if row.kind in kinds and row.name not in skip)
+    strange = drawer.able(
+        row for row in ROWS.values() if row.kind == "outside" and row.name not in skip
+    )
+    drawn: list[tuple[CaseKind, dict[str, float]]] = []
+    for kind in _KINDS:
+        count = counts.get(kind, 0)
+        if count < 0:
+            raise refusal(f"count of {kind}", "must be >= 0", count, "Give how many.")
+        if kind == "null":
+            chosen: list[tuple[Row, ...]] = [()] * count
+        elif kind == "single":
+            chosen = [(row,) for row in drawer.round(known, count)]
+        elif kind == "pair":
+            chosen = [drawer.two(known) for _ in range(count)]
+        else:
+            chosen = [(row,) for row in drawer.round(strange, count)]
+        for rows in chosen:
+            drawn.append((kind, {row.name: drawer.strength(row) for row in rows}))
+    order = rng.permutation(len(drawn))
+    return tuple(
+        Case(number=number, kind=drawn[i][0], settings=drawn[i][1], seed=seed(rng))
+        for number, i in enumerate(order)
+    )
+
+
+def lot(entropy: int | None) -> np.random.Generator:
+    """Begin a lot; where nothing is given, from the system's own randomness."""
+    if entropy is None:
+        entropy = int.from_bytes(os.urandom(16), "big")
+    return np.random.Generator(np.random.SFC64(entropy))
+
+
+def seed(rng: np.random.Generator) -> int:
+    """Draw the seed of a case."""
+    return int(rng.integers(0, 2**_SEED_BITS))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Drawer:
+    rng: np.random.Generator
+    nominal: Nominal
+    families: Mapping[str, str]
+    limits: Limits
+    upwards: frozenset[str]
+
+    def family(self, row: Row) -> str:
+        return self.families.get(row.name, row.name)
+
+    def sides(self, row: Row) -> list[int]:
+        """Signs to which an effect is drawn."""
+        signs = self.limits.sides(row, self.nominal)
+        return [sign for sign in signs if sign > 0 or row.name not in self.upwards]
+
+    def able(self, rows: Iterable[Row]) -> list[Row]:
+        """Those of the effects that this camera can show."""
+        shown = [row for row in rows if row.acts(self.nominal)]
+        return [row for row in shown if self.choices(row) or self.sides(row)]
+
+    def choices(self, row: Row) -> list[float]:
+        """Values of an effect that is a choice, which are found; none of another's."""
+        neutral = row.neutral_of(self.nominal)
+        found = self.limits.choices.get(row.name, row.choices)
+        return [choice for choice in found if choice != neutral]
+
+    def round(self, rows: list[Row], count: int) -> list[Row]:
+        if count and not rows:
+            raise refusal("cases", "must have effects to draw from", "none", "Leave out fewer.")
+        out: list[Row] = []
+        while len(out) < count:
+            out += [rows[i] for i in self.rng.permutation(len(rows))]
+        return out[:count]
+
+    def two(self, rows: list[Row]) -> tuple[Row, Row]:
+        first = self.round(rows, 1)[0]
+        others = [row for row in rows if self.family(row) != self.family(first)]
+        return first, self.round(others, 1)[0]
+
+    def strength(self, row: Row) -> float:
+        if row.scale == "choice":
+            return float(self.rng.choice(self.choices(row)))
+        sign = int(self.rng.choice(self.sides(row)))
+        low, high = max(self.limits.least(row, sign), 1e-12), row.reach(self.nominal, sign)
+        departure = math.exp(self.rng.uniform(math.log(low), math.log(high)))
+        return row.value(self.nominal, departure, sign)
+
+
+def dumps(cases: Sequence[Case]) -> str:
+    """Write cases as JSON text that `loads` reads back equal."""
+    table = [
+        {"number": c.number, "kind": c.kind, "settings": dict(c.settings), "seed": c.seed}
+        for c in cases
+    ]
+    return json.dumps(table, indent=1) + "\n"
+
+
+def loads(text: str) -> tuple[Case, ...]:
+    """Read cases from JSON text.
+
+    Raises:
+        WithheldError: if it is no list of cases.
+    """
+    try:
+        table: Any = json.loads(text)
+        return tuple(
+            Case(
+                number=int(item["number"]),
+                kind=item["kind"],
+                settings={str(k): float(v) for k, v in item["settings"].items()},
+                seed=int(item["seed"]),
+            )
+            for item in table
+        )
+    except WithheldError:
+        raise
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise refusal(
+            "cases", "must be a JSON list of cases", type(error).__name__, f"{error}"
+        ) from error

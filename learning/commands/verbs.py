@@ -1,0 +1,248 @@
+"""Verbs of learning, and of comparing, which takes learnt methods too (see `starling.sim.commands.verbs`)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from starling.patterns.errors import refuse
+from starling.sim.console import shell
+from starling.sim.console.flags import Common, Edits, Shared
+
+if TYPE_CHECKING:
+    from starling.learning.data.captured import Simulation
+
+ROOM = "{room}"  # In a sensor's name: the room held out.
+Draws = Annotated[int, arg(help="Draws of noise and speckle that the physics is told from.")]
+Even = Annotated[
+    bool, arg(help="Simulate with one reflectance all over, as if no image were known.")
+]
+Cache = Annotated[Path | None, arg(help="Folder that keeps what is simulated, for other runs.")]
+
+
+def train(
+    method: Positional[str],
+    captures: Positional[str],
+    *,
+    out: Path,
+    sensor: str | None = None,
+    rooms: tuple[str, ...] | None = None,
+    steps: int | None = None,
+    start: Path | None = None,
+    draws: Draws = 8,
+    even: Even = False,
+    cache: Cache = None,
+    seed: int = 0,
+    edits: Edits = (),
+    force: bool = False,
+    common: Shared = Common(),
+) -> None:
+    """Learn where a real camera has no depth; goes on where it was cut short.
+
+    Methods: perfect, simple, trees, physics, physics_recalibrated, network, hybrid, hybrid_trees,
+    pix2pix, cyclegan; trees_reflectance, network_reflectance and hybrid_reflectance see the
+    smoothed infrared image as well.
+
+    Example: starling train hybrid out/real --sensor d435 --out out/hybrid
+
+    To fill depth instead: `starling train completion`.
+
+    Args:
+        method: what learns.
+        captures: capture set with reference depth (truth.png) and the device's own (depth.png).
+        out: folder for what was learnt, checkpoint and loss curve.
+        sensor: preset or sensor file, for the methods that build on physics.
+        rooms: to learn from; all where none is named.
+        steps: of a network's training; its own number where none is given.
+        start: trained network or hybrid to go on from, where scenes are few: its folder, or
+            hybrid-varied, network-varied, which have learnt from simulated cameras.
+        seed: fixes everything that is drawn.
+        force: drop what starling left in the folder.
+    """
+    from starling.learning.commands import train_captures
+    from starling.sim.console import progress
+
+    simulation = None
+    if sensor is not None:
+        simulation = _simulation(
+            sensor, captures, draws=draws, seed=seed, even=even, edits=edits, cache=cache
+        )
+    with progress.on_stderr() as tell:
+        result = train_captures.train_captures(
+            method,
+            captures,
+            out,
+            simulation=simulation,
+            rooms=rooms,
+            steps=steps,
+            start=start,
+            seed=seed,
+            force=force,
+            asked={"sensor": sensor, "draws": draws, "even": even, "set": edits},
+            tell=tell,
+        )
+    shell.say(result, json=common.json)
+
+
+def evaluate(
+    captures: Positional[str],
+    *,
+    out: Path,
+    methods: tuple[str, ...] = (),
+    models: tuple[Path, ...] = (),
+    sensor: str | None = None,
+    rooms: tuple[str, ...] | None = None,
+    learn_from: int | None = None,
+    steps: int | None = None,
+    start: tuple[Path, ...] = (),
+    icp: int = 0,
+    draws: Draws = 8,
+    even: Even = False,
+    cache: Cache = None,
+    seed: int = 0,
+    edits: Edits = (),
+    force: bool = False,
+    common: Shared = Common(),
+) -> None:
+    """Judge methods on rooms they have not learnt from; goes on where it was cut short.
+
+    Example: starling evaluate out/real --methods trees network --out out/evaluation
+
+    To fill depth instead: `starling evaluate completion`.
+
+    Args:
+        captures: capture set with reference depth (truth.png) and the device's own (depth.png).
+        out: folder for figures, pictures, and what was learnt and told in each fold.
+        methods: learn anew for each room, from the others.
+        models: folders of `starling train`, or hybrid-varied, network-varied, which come with the
+            program; asked as they are, whatever they have learnt from.
+        sensor: preset or sensor file, for the methods that build on physics; {room} in its name
+            stands for the room held out, so that the sensor can be calibrated without it.
+        rooms: to judge; all where none is named.
+        learn_from: number of rooms to learn from, the next ones in order; all others if not given.
+        steps: of a network's training; its own number where none is given.
+        start: trained models that methods of the same kind go on from (see `starling train`).
+        icp: align objects by ICP in the device's depth and in each method's, so many first guesses
+            an object, 2 or more; 0 leaves it out.
+        seed: fixes everything that is drawn.
+        force: drop what starling left in the folder.
+    """
+    from starling.learning.commands import evaluate_captures
+    from starling.sim.console import progress
+
+    def simulations(held: str) -> Simulation:
+        assert sensor is not None  # Not asked for otherwise.
+        camera = sensor.replace(ROOM, held)
+        return _simulation(
+            camera, captures, draws=draws, seed=seed, even=even, edits=edits, cache=cache
+        )
+
+    plan = evaluate_captures.Plan(
+        methods=methods,
+        models=models,
+        held=rooms,
+        learn_from=learn_from,
+        steps=steps,
+        start=start,
+        icp=icp,
+        seed=seed,
+    )
+    with progress.on_stderr() as tell:
+        result = evaluate_captures.evaluate_captures(
+            captures,
+            out,
+            plan,
+            simulations=simulations if sensor else None,
+            force=force,
+            asked={"sensor": sensor, "draws": draws, "even": even, "set": edits},
+            tell=tell,
+        )
+    shell.say(result, json=common.json)
+
+
+def compare(
+    real: Positional[str],
+    sim: Positional[str] = "",
+    *,
+    methods: tuple[str, ...] = (),
+    sensor: str | None = None,
+    out: Path | None = None,
+    draws: Draws = 8,
+    cache: Cache = None,
+    seed: int = 0,
+    edits: Edits = (),
+    force: bool = False,
+    common: Shared = Common(),
+) -> None:
+    """Compare simulated captures with real ones, or the holes that several methods draw.
+
+    Example: starling compare out/check out/check-simulated --json
+
+    Example: starling compare out/real --methods physics out/hybrid --sensor d435
+    --out out/methods.png
+
+    Args:
+        real: capture set or one scene in it.
+        sim: the same scenes, simulated.
+        methods: instead of `sim`: perfect, physics, folders of `starling train`, or hybrid-varied,
+            network-varied, which come with the program.
+        sensor: preset or sensor file, for the methods that build on physics.
+        out: NAME.png of the methods' depth images beside the device's.
+        seed: of the holes that are drawn.
+        force: replace what was drawn before.
+    """
+    from starling.sim.captures import capture
+    from starling.sim.commands import compare as comparison
+    from starling.sim.console import output, progress
+
+    if bool(sim) == bool(methods):
+        given = "both" if sim else "neither"
+        rule = "must be one of the two"
+        raise refuse("sim and methods", rule, given, "Give simulated captures, or --methods.")
+    if sim and out is not None:
+        raise refuse("out", "must come with methods", out, "`starling show` draws two captures.")
+    if not methods:
+        with progress.on_stderr() as tell:
+            result = comparison.compare(capture.open_set(real), capture.open_set(sim), tell=tell)
+        shell.say(result, json=common.json)
+        return
+    from starling.learning.commands import compare_methods
+
+    if out is not None:
+        output.refuse_taken(out, force=force)
+    simulation = None
+    if sensor is not None:
+        simulation = _simulation(sensor, real, draws=draws, seed=seed, edits=edits, cache=cache)
+    with progress.on_stderr() as tell:
+        result, picture = compare_methods.compare_methods(
+            capture.open_set(real),
+            compare_methods.predictors(methods),
+            simulation=simulation,
+            seed=seed,
+            tell=tell,
+        )
+    if out is not None:
+        output.write_file(out, picture, force=force)
+    shell.say(result, json=common.json)
+
+
+def _simulation(
+    sensor: str,
+    captures: str,
+    *,
+    draws: int,
+    seed: int,
+    edits: tuple[str, ...],
+    even: bool = False,
+    cache: Path | None = None,
+) -> Simulation:
+    from starling.learning.data.captured import Simulation
+    from starling.sim.sensor import resolve
+
+    camera = resolve.load(sensor, captures=captures, edits=edits)
+    return Simulation(sensor=camera, draws=draws, seed=seed, even=even, cache=cache)
+
+
+VERBS = (train, evaluate, compare)

@@ -1,0 +1,1 @@
+"""Frames for depth completion, from captures and public data sets."""

@@ -1,0 +1,94 @@
+"""One image of a data set, as all readers give it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.learning.completion.frame import Image
+from starling.patterns.errors import refuse
+from starling.sim.geometry.pinhole import Pinhole
+
+Colour = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Item:
+    """An image with its truth, and what there is to make the camera's own depth of."""
+
+    rgb: Colour  # (h, w, 3) red, green, blue; of the left camera where there are two.
+    truth_m: Image  # (h, w) z [m], NaN where unknown.
+    camera: Pinhole
+    baseline_m: float  # Of the pair, or of the depth camera.
+    sensor_m: Image | None = None  # (h, w) a depth camera's own z [m], NaN = none.
+    right: Colour | None = None  # (h, w, 3) of the right camera, rectified.
+
+    def __post_init__(self) -> None:
+        shapes = [self.rgb.shape[:2], self.truth_m.shape, (self.camera.height, self.camera.width)]
+        shapes += [] if self.sensor_m is None else [self.sensor_m.shape]
+        shapes += [] if self.right is None else [self.right.shape[:2]]
+        if len(set(shapes)) > 1:
+            advice = "Copy the data set again."
+            raise refuse("images of an item", "must have one size", sorted(set(shapes)), advice)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Source:
+    """An item that is not yet read."""
+
+    name: str  # Unique in its data set.
+    room: str  # Images of one room share it; splits go by room.
+    files: tuple[Path, ...]  # That are read.
+    load: Callable[[], Item]  # Raises InputError if a file is missing or damaged.
+
+
+def colour(path: Path) -> Colour:
+    """Read a colour image, or a grey one as colour.
+
+    Returns:
+        (h, w, 3) red, green, blue.
+
+    Raises:
+        InputError: if it cannot be read.
+    """
+    return np.ascontiguousarray(_image(path, cv2.IMREAD_COLOR)[..., ::-1], np.uint8)
+
+
+def code(path: Path) -> NDArray[np.uint16]:
+    """Read an image of one channel of 16 bits, (h, w).
+
+    Raises:
+        InputError: if it cannot be read, or is of another kind.
+    """
+    image = _image(path, cv2.IMREAD_UNCHANGED)
+    if image.dtype != np.uint16 or image.ndim != 2:
+        got = f"{path}, {image.dtype} {image.shape}"
+        raise refuse("depth", "must be one channel of 16 bits", got, "Copy it again.")
+    return image.astype(np.uint16)
+
+
+def folder(path: Path) -> Path:
+    """Pass on a folder.
+
+    Raises:
+        InputError: if there is none.
+    """
+    if not path.is_dir():
+        raise refuse("data set", "must be a folder", path, "Unpack the archives there.")
+    return path
+
+
+def _image(path: Path, flags: int) -> NDArray[np.generic]:
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+    except OSError as error:
+        raise refuse("image", "must be readable", path, f"{error.strerror}.") from error
+    image = cv2.imdecode(data, flags) if data.size else None
+    if image is None:
+        raise refuse("image", "must be a whole image file", path, "Copy it again.")
+    return np.asarray(image)

@@ -1,0 +1,53 @@
+"""Depth that a stereo camera would have of a rendered pair: our own matcher's.
+
+So Cuaran et al. (Enhancing stereo depth maps through RGBD-conditioned generative models, section
+4.2) make the camera's depth of IRS and Virtual KITTI, which have stereo pairs but no depth camera.
+No projector lights these scenes: it is passive stereo, whose holes are mostly surfaces without
+texture, not those of an active camera.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+
+from starling.learning.completion.data.readers.item import Colour, Item
+from starling.patterns.errors import refuse
+from starling.sim.captures.png import GreyImage
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.sensor.matcher import D4XX, Matcher
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import DepthMap
+from starling.sim.stereo.measurement import measure
+
+
+def stereo_depth(item: Item, matcher: Matcher = D4XX) -> DepthMap:
+    """Match an item's pair.
+
+    Args:
+        item: with a right image.
+        matcher: of `starling.sim.sensor.matcher`; depth is known from focal length x baseline / its largest
+            disparity on.
+
+    Returns:
+        Depth in the left image, with a reason for each hole.
+
+    Raises:
+        InputError: if there is no right image, or as `starling.sim.stereo.measurement.measure`.
+    """
+    if item.right is None:
+        advice = "Use the camera's own depth, sensor_m."
+        raise refuse("item", "must have a right image to be matched", "none", advice)
+    camera = Sensor(
+        name="stereo pair",
+        baseline_m=item.baseline_m,
+        matcher=matcher,
+        **dataclasses.asdict(Pinhole.of(item.camera)),
+    )
+    return measure(_grey(item.rgb), _grey(item.right), camera, causes={})
+
+
+def _grey(image: Colour) -> GreyImage:
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)

@@ -1,0 +1,1 @@
+"""Evaluation of completed depth."""

@@ -1,0 +1,1 @@
+"""Training data: captured and simulated scenes, folds, torch data sets."""

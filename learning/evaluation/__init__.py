@@ -1,0 +1,1 @@
+"""Evaluation of methods on rooms that they were not trained on."""

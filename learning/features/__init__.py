@@ -1,0 +1,1 @@
+"""Features of a pixel from reference depth, and statistics of holes."""

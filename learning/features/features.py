@@ -1,0 +1,204 @@
+"""What the trees see of a pixel: geometry that makes active stereo fail, from reference depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.learning.data.example import Example
+from starling.learning.features.edges import edges_left, edges_right
+from starling.learning.features.thickness import gap_width, thickness
+from starling.learning.features.visibility import seen_from, signed_distance
+from starling.learning.networks.training import channels
+from starling.patterns import errors
+from starling.sim.captures.info import CaptureInfo
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.geometry.planes import fit_planes, incidence_cosine, surface_planes
+from starling.sim.metrics import depth_edges
+from starling.sim.sensor import presets
+from starling.sim.stereo.filled import filled
+
+Image = NDArray[np.float32]
+
+FINE_PX = 3  # Radius of the windows that roughness is taken over.
+COARSE_PX = 10
+WINDOW_PX = 9  # Side of a usual matching window (D400's census).
+GRADIENT_SIGMA_PX = 4.0
+MIDDLE = 0.5  # Where on the baseline a projector is taken to be that nobody placed.
+
+# Every feature by its name, which carries the unit, and what it is.
+GEOMETRY: dict[str, str] = {
+    "disparity_px": "reference disparity f b / z",
+    "disparity_fraction_px": "what it is above a whole pixel",
+    "column_px": "column in the left image",
+    "right_column_px": "column in the right image; below 0 it lies outside",
+    "off_axis": "tangent of the ray's angle off the optical axis",
+    "incidence_cosine": "normal against the ray to the left imager; 1 = facing it",
+    "return_per_m2": "incidence cosine / squared range: light from a white surface",
+    "occluded_px": "how far behind an edge, seen from the right imager",
+    "occlusion_border_px": "distance to what the right imager does not see; > 0 inside",
+    "shadowed_px": "how far behind an edge, seen from the projector",
+    "shadow_border_px": "distance to what the projector does not reach; > 0 inside",
+    "edge_left_px": "distance along the row to the next depth edge on the left",
+    "edge_left_step_px": "disparity beyond that edge less on this side; > 0 = we are behind",
+    "edge_right_px": "the same on the right",
+    "edge_right_step_px": "the same on the right",
+    "edge_px": "distance to a depth edge in any direction",
+    "front_px": "how much nearer the nearest surface is in a window of 9 px",
+    "back_px": "how much farther the farthest is",
+    "thickness_px": "side of the smallest square that the thing in front does not hold",
+    "gap_px": "side of the smallest square that the gap between things does not hold",
+    "unknown_px": "distance to pixels without reference; <= 0 in them",
+    "roughness_fine_px": "what a plane leaves over 7 px",
+    "roughness_coarse_px": "what a plane leaves over 21 px",
+    "bump_fine_px": "disparity above that plane over 7 px: curvature with its sign",
+    "bump_coarse_px": "disparity above that plane over 21 px",
+}
+# And what physics says, as networks see it: `starling.learning.networks.training.channels.physics_images`.
+REFLECTANCE: dict[str, str] = {
+    "reflectance": "near-infrared, 0 to 1, as given",
+    "reflectance_gradient_per_px": "length of its gradient at sigma 4 px",
+    "expected_return_per_m2": "reflectance x incidence cosine / squared range",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Features:
+    """All features of one view."""
+
+    names: tuple[str, ...]
+    values: Image  # (h, w, k), finite everywhere.
+
+    def __getitem__(self, name: str) -> Image:
+        """One feature by its name, (h, w).
+
+        Raises:
+            InputError: if there is none of that name.
+        """
+        errors.one_of("feature", name, self.names)
+        return self.values[..., self.names.index(name)]
+
+
+def names(*, with_reflectance: bool, with_physics: bool = False) -> tuple[str, ...]:
+    """Names in the order of the values."""
+    reflectance = tuple(REFLECTANCE) if with_reflectance else ()
+    physics = (*channels.PHYSICS, *channels.REASONS) if with_physics else ()
+    return (*GEOMETRY, *reflectance, *physics)
+
+
+def features(
+    example: Example,
+    *,
+    with_reflectance: bool = False,
+    with_physics: bool = False,
+    projector_x_m: float | None = None,
+) -> Features:
+    """Measure every pixel; unknown ones as if they went on from the nearest known.
+
+    Args:
+        example: only its reference depth, geometry and, where asked for, reflectance count.
+        with_reflectance: adds those of `REFLECTANCE`.
+        with_physics: adds what is simulated.
+        projector_x_m: where the projector is, right of the left imager [m]; None = where the
+            sensor's preset has it, or in the middle of the baseline.
+
+    Raises:
+        InputError: if nothing is known of the reference, an image is of another size than the
+            geometry says, or reflectance or physics is asked for and there is none.
+    """
+    camera, depth_m = Pinhole.of(example.info), example.depth_m
+    _of_size(example.info, "depth_m", depth_m)
+    baseline_m = example.info.baseline_m
+    part = _projector_part(example.info) if projector_x_m is None else projector_x_m / baseline_m
+    measured = _geometry(camera, example.info.disparity_px(depth_m), part, baseline_m)
+    if with_reflectance:
+        if example.reflectance is None:
+            raise errors.refuse(
+                "reflectance",
+                "must be given to a method that was asked to use it",
+                f"none for {example.scene}",
+                "Take captures with infrared images, or a method without reflectance.",
+            )
+        _of_size(example.info, "reflectance", example.reflectance)
+        measured |= _reflectance(example.reflectance, measured["return_per_m2"])
+    if with_physics:
+        measured |= channels.physics_images(example)
+    order = names(with_reflectance=with_reflectance, with_physics=with_physics)
+    return Features(order, np.stack([measured[name] for name in order], axis=-1, dtype=np.float32))
+
+
+def _of_size(info: CaptureInfo, name: str, image: Image) -> None:
+    if image.shape != info.shape:
+        raise errors.refuse(
+            name,
+            f"must be {info.width}x{info.height} as the geometry says",
+            f"shape {image.shape}",
+            "Correct the one that is wrong.",
+        )
+
+
+def _projector_part(info: CaptureInfo) -> float:
+    """Where the projector stands on the baseline, 0 = left imager, 1 = right."""
+    if info.sensor not in presets.names():
+        return MIDDLE
+    preset = presets.load(info.sensor)
+    return preset.projector.position_m[0] / preset.baseline_m
+
+
+def _geometry(
+    camera: Pinhole, reference_px: Image, projector_part: float, baseline_m: float
+) -> dict[str, Image]:
+    known = np.isfinite(reference_px)
+    disparity = filled(reference_px, known)
+    column = np.broadcast_to(np.arange(camera.width, dtype=np.float32), disparity.shape)
+    fine = fit_planes(disparity, known, FINE_PX)
+    coarse = fit_planes(disparity, known, COARSE_PX)
+    cosine = incidence_cosine(surface_planes(disparity, known), camera)
+    tangent_squared = camera.tangent_squared()
+    depth_m = np.float32(camera.fx_px * baseline_m) / disparity
+    right, projector = seen_from(disparity, 1.0), seen_from(disparity, projector_part)
+    left_edge, right_edge = edges_left(disparity), edges_right(disparity)
+    window = np.ones((WINDOW_PX, WINDOW_PX), np.uint8)
+    return {
+        "disparity_px": disparity,
+        "disparity_fraction_px": disparity - np.floor(disparity),
+        "column_px": column,
+        "right_column_px": column - disparity,
+        "off_axis": np.sqrt(tangent_squared),
+        "incidence_cosine": cosine,
+        "return_per_m2": cosine / (depth_m**2 * (1 + tangent_squared)),
+        "occluded_px": right.behind_px,
+        "occlusion_border_px": right.border_px,
+        "shadowed_px": projector.behind_px,
+        "shadow_border_px": projector.border_px,
+        "edge_left_px": left_edge.distance_px,
+        "edge_left_step_px": left_edge.step_px,
+        "edge_right_px": right_edge.distance_px,
+        "edge_right_step_px": right_edge.step_px,
+        "edge_px": -signed_distance(depth_edges(reference_px)),
+        "front_px": np.asarray(cv2.dilate(disparity, window)) - disparity,
+        "back_px": disparity - np.asarray(cv2.erode(disparity, window)),
+        "thickness_px": thickness(disparity),
+        "gap_px": gap_width(disparity),
+        "unknown_px": -signed_distance(~known),
+        "roughness_fine_px": fine.residual_px,
+        "roughness_coarse_px": coarse.residual_px,
+        "bump_fine_px": disparity - fine.disparity_px,
+        "bump_coarse_px": disparity - coarse.disparity_px,
+    }
+
+
+def _reflectance(reflectance: Image, return_per_m2: Image) -> dict[str, Image]:
+    known = np.isfinite(reflectance)
+    reflectance = filled(reflectance, known)
+    sigma = GRADIENT_SIGMA_PX
+    smooth = cv2.GaussianBlur(reflectance, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+    down, across = np.gradient(smooth)
+    return {
+        "reflectance": reflectance,
+        "reflectance_gradient_per_px": np.hypot(across, down),
+        "expected_return_per_m2": reflectance * return_per_m2,
+    }

@@ -1,0 +1,126 @@
+"""Statistics of holes: how large, how ragged, how long along rows, how often they come and go."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from starling.learning.data.example import Mask
+from starling.patterns import errors
+
+Sizes = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Holes:
+    """Holes of one or more images; a hole is a set of no-depth pixels that touch, corners too."""
+
+    share: float  # No-depth pixels over counted pixels.
+    area_px: Sizes  # (n,) pixels of each hole.
+    perimeter_px: Sizes  # (n,) sides of its pixels that face no pixel of it; a square of n: 4 n.
+    run_px: Sizes  # (m,) lengths of the unbroken stretches of no-depth pixels along rows.
+
+    @property
+    def area_of_pixel_px(self) -> Sizes:
+        """Area of the hole that each no-depth pixel lies in: large holes weigh by their pixels."""
+        return np.repeat(self.area_px, self.area_px)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Distance:
+    """How far two samples of sizes are from one distribution; NaN where one of them is empty."""
+
+    kolmogorov_smirnov: float  # Largest difference of the cumulative shares, 0 to 1.
+    wasserstein_log: float  # Mean shift of the natural logarithms: 0.7 is a factor of two.
+
+
+def measure(ndp: Mask, counted: Mask | None = None) -> Holes:
+    """Measure the holes of one image.
+
+    Args:
+        ndp: (h, w) True where there is no depth.
+        counted: (h, w) pixels that count; what is not counted is no hole. None: all.
+
+    Raises:
+        InputError: if the masks differ in shape, or no pixel is counted.
+    """
+    if counted is None:
+        counted = np.ones_like(ndp)
+    if ndp.ndim != 2 or ndp.shape != counted.shape:
+        raise errors.refuse(
+            "ndp and counted",
+            "must be images of one shape",
+            f"{ndp.shape} and {counted.shape}",
+            "Take both from one view.",
+        )
+    if not counted.any():
+        raise errors.refuse("counted", "must hold a pixel", 0, "Is there any reference depth?")
+    hole = np.pad(ndp & counted, 1)
+    number, label, box, _ = cv2.connectedComponentsWithStats(hole.astype(np.uint8), connectivity=8)
+    sides = np.zeros(hole.shape, np.int64)
+    for axis in (0, 1):
+        for step in (-1, 1):
+            sides += hole & ~np.roll(hole, step, axis)
+    perimeter = np.bincount(label.ravel(), weights=sides.ravel(), minlength=number)
+    change = np.diff(hole.astype(np.int8), axis=1)
+    start, end = np.nonzero(change == 1)[1], np.nonzero(change == -1)[1]
+    return Holes(
+        share=np.count_nonzero(hole) / np.count_nonzero(counted),
+        area_px=box[1:, cv2.CC_STAT_AREA].astype(np.int64),
+        perimeter_px=np.rint(perimeter[1:]).astype(np.int64),
+        run_px=(end - start).astype(np.int64),
+    )
+
+
+def pool(images: Sequence[Holes]) -> Holes:
+    """Holes of several images as one sample; images count alike in the share.
+
+    Raises:
+        InputError: if there is none.
+    """
+    if not images:
+        raise errors.refuse("images", "must not be empty", 0, "Measure at least one.")
+    return Holes(
+        share=float(np.mean([one.share for one in images])),
+        area_px=np.concatenate([one.area_px for one in images]),
+        perimeter_px=np.concatenate([one.perimeter_px for one in images]),
+        run_px=np.concatenate([one.run_px for one in images]),
+    )
+
+
+def flicker_rate(repeats: NDArray[np.bool_], counted: Mask | None = None) -> float:
+    """Share of counted pixels that come or go from one frame to the next, mean over frames.
+
+    Args:
+        repeats: (n, h, w) True where there is no depth, frames of a static scene in order.
+        counted: (h, w) pixels that count; None: all.
+
+    Raises:
+        InputError: if there are fewer than two frames, or no pixel is counted.
+    """
+    if repeats.ndim != 3 or len(repeats) < 2:
+        raise errors.refuse(
+            "repeats", "must be two frames or more (n, h, w)", repeats.shape, "Take more frames."
+        )
+    if counted is not None and not counted.any():
+        raise errors.refuse("counted", "must hold a pixel", 0, "Is there any reference depth?")
+    change = repeats[1:] != repeats[:-1]
+    return float(change.mean() if counted is None else change[:, counted].mean())
+
+
+def distance(one: NDArray[np.integer], other: NDArray[np.integer]) -> Distance:
+    """Distance of two samples of sizes >= 1, such as the areas of real and of drawn holes."""
+    if not (one.size and other.size):
+        return Distance(kolmogorov_smirnov=float("nan"), wasserstein_log=float("nan"))
+    both = np.concatenate([one, other])
+    one_share = np.searchsorted(np.sort(one), both, side="right") / one.size
+    other_share = np.searchsorted(np.sort(other), both, side="right") / other.size
+    return Distance(
+        kolmogorov_smirnov=float(np.abs(one_share - other_share).max()),
+        wasserstein_log=float(stats.wasserstein_distance(np.log(one), np.log(other))),
+    )

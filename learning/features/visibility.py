@@ -1,0 +1,89 @@
+"""What another place on the baseline does not see of the surfaces in the left view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+
+Image = NDArray[np.float32]
+
+FARTHEST_PX = 64.0  # Distances to a border count up to here.
+_NEARER_PX = 1.0  # What hides a surface is nearer by more than this disparity.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Visibility:
+    """What a place sees, all (h, w) in the left view."""
+
+    hidden: NDArray[np.bool_]
+    behind_px: Image  # How far behind an edge, seen from there: above 0 past it, 0 in the open.
+    border_px: Image  # Distance to the border of what is hidden: > 0 inside, < 0 outside.
+
+
+def seen_from(disparity_px: Image, fraction: float) -> Visibility:
+    """Tell what a place on the baseline sees.
+
+    From a place a fraction f of the baseline to the right, pixel u of the left view lies at
+    u - f d. A surface is hidden where a nearer one lies at the same place.
+
+    Args:
+        disparity_px: (h, w), no NaN.
+        fraction: 1 = the right imager; below 0, the place is left of the left imager.
+
+    Returns:
+        What is hidden. `behind_px` counts along the row from the edge that hides, in that view's
+        pixels, and goes on behind things so thin that the surface comes out again on their other
+        side: there order along the row is reversed, which matchers dislike.
+
+    Raises:
+        InputError: if `fraction` is not in [-4, 4].
+    """
+    errors.in_interval("fraction", fraction, -4.0, 4.0)
+    disparity_px = np.ascontiguousarray(disparity_px, np.float32)
+    mirrored = fraction < 0  # From the left everything is as in the mirror from the right.
+    if mirrored:
+        disparity_px = np.ascontiguousarray(disparity_px[:, ::-1])
+    hidden, behind = _rows(disparity_px, abs(float(fraction)), _NEARER_PX)
+    if mirrored:
+        hidden, behind = hidden[:, ::-1], behind[:, ::-1]
+    return Visibility(hidden, np.ascontiguousarray(behind), signed_distance(hidden))
+
+
+def signed_distance(inside: NDArray[np.bool_]) -> Image:
+    """Distance [px] to the border of a mask, > 0 inside, < 0 outside, within 64 px; (h, w)."""
+    mask = np.ascontiguousarray(inside, np.uint8)
+    # Half a pixel: the border lies between the last pixel inside and the first outside.
+    within = np.asarray(cv2.distanceTransform(mask, cv2.DIST_L2, 5)) - np.float32(0.5)
+    without = np.asarray(cv2.distanceTransform(1 - mask, cv2.DIST_L2, 5)) - np.float32(0.5)
+    distance = np.where(inside, within, -without)
+    return np.clip(distance, -FARTHEST_PX, FARTHEST_PX).astype(np.float32)
+
+
+@nb.njit(nogil=True, cache=True)
+def _rows(disparity: Image, fraction: float, nearer: float) -> tuple[NDArray[np.bool_], Image]:
+    height, width = disparity.shape
+    hidden = np.zeros((height, width), np.bool_)
+    behind = np.zeros((height, width), np.float32)
+    for v in range(height):
+        # The nearest surface at each place of the other view; places left of its image count too.
+        reach = int(np.ceil(max(fraction * disparity[v].max(), 0.0))) + 2
+        nearest = np.full(width + reach + 2, -np.inf)
+        for u in range(width):
+            place = u - fraction * disparity[v, u] + reach
+            for i in range(int(np.floor(place)), int(np.ceil(place)) + 1):
+                nearest[i] = max(nearest[i], disparity[v, u])
+        leftmost = np.inf
+        for u in range(width - 1, -1, -1):
+            place = u - fraction * disparity[v, u] + reach
+            if place > leftmost:
+                behind[v, u] = place - leftmost
+                near = min(nearest[int(np.floor(place))], nearest[int(np.ceil(place))])
+                hidden[v, u] = near > disparity[v, u] + nearer
+            leftmost = min(leftmost, place)
+    return hidden, behind

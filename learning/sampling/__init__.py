@@ -1,0 +1,1 @@
+"""Sampling of no-depth pixels from a probability."""

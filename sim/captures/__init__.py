@@ -1,0 +1,1 @@
+"""Capture sets on disk: reading, writing, other layouts, fusion."""

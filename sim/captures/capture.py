@@ -1,0 +1,289 @@
+"""Capture sets: infrared pairs, depth and truth of real and simulated sensors, in one shape."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+from starling.sim.captures import info as capture_info
+from starling.sim.captures import png
+from starling.sim.captures.info import CaptureInfo
+from starling.sim.captures.png import GreyImage
+from starling.sim.scene import scene_file
+from starling.sim.scene.scene_file import SceneFile
+from starling.sim.stereo import depth
+
+_NUMBER = re.compile(r"0|[1-9][0-9]{0,8}")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Frame:
+    """One reading of a sensor; every image (h, w) in the left infrared view, None if absent."""
+
+    number: int
+    ir_left: GreyImage | None = None
+    ir_right: GreyImage | None = None  # Absent alone: a structured-light sensor.
+    ir_left_off: GreyImage | None = None  # Projector off.
+    ir_right_off: GreyImage | None = None
+    depth_m: NDArray[np.float32] | None = None  # z [m], NaN = no depth.
+    record: dict[str, Any] = field(default_factory=dict)  # `frame.json`, {} where there is none.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CapturedScene:
+    """One static scene of a set; images are read when asked for."""
+
+    name: str
+    room: str  # Scenes of one room share it; a scene without the file is its own room.
+    path: Path
+    info: CaptureInfo
+    frames: tuple[int, ...]  # Numbers of the frames there are, ascending.
+
+    def frame(self, number: int) -> Frame:
+        """Read one frame.
+
+        Raises:
+            InputError: if there is no such frame, an image is damaged or of another kind or size
+                than it must be, or nothing is in it.
+        """
+        if number not in self.frames:
+            known = ", ".join(map(str, self.frames))
+            raise errors.refuse(
+                f"frame of {self.name}", "must exist", number, f"There are: {known}."
+            )
+        folder = self.path / str(number)
+        images = {
+            name: self._image(folder, name)
+            for name in ("ir_left", "ir_right", "ir_left_off", "ir_right_off")
+        }
+        _check_pair(folder, images["ir_left"], images["ir_right"], "ir")
+        _check_pair(folder, images["ir_left_off"], images["ir_right_off"], "ir off")
+        depth_m = self._depth(folder, "depth")
+        if depth_m is None and images["ir_left"] is None:
+            raise errors.refuse(
+                "frame", "must hold ir_left.png or depth.png", folder, "Is the folder complete?"
+            )
+        return Frame(number=number, depth_m=depth_m, record=_record(folder), **images)
+
+    def fullest(self) -> Frame:
+        """Read the first frame that holds an infrared pair and depth; where none does, the first
+        with a pair, then the first with an infrared image, then the first.
+
+        Raises:
+            InputError: as `frame`.
+        """
+        for names in (("ir_left", "ir_right", "depth"), ("ir_left", "ir_right"), ("ir_left",)):
+            for number in self.frames:
+                paths = (self.path / str(number) / f"{name}.png" for name in names)
+                if all(os.path.lexists(path) for path in paths):
+                    return self.frame(number)
+        return self.frame(self.frames[0])
+
+    def record(self, number: int) -> dict[str, Any]:
+        """Read what `frame.json` tells of one frame, {} where there is none; no image is read.
+
+        Raises:
+            InputError: if it is no JSON object.
+        """
+        return _record(self.path / str(number))
+
+    def truth_m(self) -> NDArray[np.float32] | None:
+        """Read the reference depth z [m] (h, w), NaN where unknown; None where there is none.
+
+        Raises:
+            InputError: as `frame`.
+        """
+        return self._depth(self.path, "truth")
+
+    def label(self) -> GreyImage | None:
+        """Read the number of the object that each pixel shows (h, w); None where nobody says so.
+
+        Raises:
+            InputError: as `frame`.
+        """
+        return self._image(self.path, "label")
+
+    def known(self) -> SceneFile | None:
+        """Read which geometry it is, and from where it is seen; None where nobody says so.
+
+        `starling.sim.scene.captured.known_geometry.load` makes a scene to simulate of it.
+
+        Raises:
+            InputError: as `starling.sim.scene.scene_file.read`.
+        """
+        path = self.path / scene_file.FILE
+        return scene_file.read(path) if os.path.lexists(path) else None
+
+    def _image(self, folder: Path, name: str) -> GreyImage | None:
+        path = folder / f"{name}.png"
+        if not os.path.lexists(path):
+            return None
+        image = png.read(path, name)
+        if image.shape != self.info.shape:
+            height, width = image.shape
+            raise errors.refuse(
+                name,
+                f"must be {self.info.width}x{self.info.height} as {capture_info.FILE} says",
+                f"{path}, {width}x{height}",
+                "Correct the one that is wrong.",
+            )
+        return image
+
+    def _depth(self, folder: Path, name: str) -> NDArray[np.float32] | None:
+        code = self._image(folder, name)
+        if code is None:
+            return None
+        if code.dtype != np.uint16:
+            raise errors.refuse(
+                name,
+                "must be a 16-bit PNG in steps of depth_unit_m",
+                f"{folder / name}.png, 8-bit",
+                "Save the sensor's own codes.",
+            )
+        return depth.from_code(code.astype(np.uint16), self.info.depth_unit_m)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CaptureSet:
+    """A folder of captures of one device; of several where scenes have cameras of their own."""
+
+    path: Path
+    info: CaptureInfo  # Of the set; a scene's own may be another.
+    scenes: tuple[CapturedScene, ...]  # Sorted by name.
+
+    def refuse_mixed(self) -> None:
+        """Refuse scenes whose cameras are not the set's.
+
+        Raises:
+            InputError: naming the first such scene.
+        """
+        for scene in self.scenes:
+            if scene.info != self.info:
+                raise errors.refuse(
+                    "captures",
+                    "must be of one camera here",
+                    f"{scene.path} with a {capture_info.OWN} of its own",
+                    "Give one scene, or a set of one camera.",
+                )
+
+
+def is_capture(path: Path | str) -> bool:
+    """Tell whether a path is a capture set or one scene folder in a set."""
+    path = Path(os.path.abspath(path))
+    return path.is_dir() and any((p / capture_info.FILE).is_file() for p in (path, path.parent))
+
+
+def open_set(path: Path | str) -> CaptureSet:
+    """Open a capture set, or one scene folder in it as a set of that scene alone.
+
+    Only the text files are read; images are read by `CapturedScene.frame` and `truth_m`. A scene
+    folder with a `camera.toml`, of the same keys as `capture.toml`, is of another camera.
+
+    Raises:
+        InputError: if the folder is missing or no capture set, `capture.toml` is refused, or a
+            scene holds no frame.
+
+    Example:
+        >>> captures = open_set("out/mine")  # doctest: +SKIP
+        >>> captures.scenes[0].frame(0).ir_left.shape  # doctest: +SKIP
+        (720, 1280)
+    """
+    path = Path(os.path.abspath(path))
+    if not path.is_dir():
+        what = "is a file" if path.exists() else "does not exist"
+        raise errors.refuse(
+            "captures", "must be a folder", path, f"It {what}: give a capture set or a scene in it."
+        )
+    if (path / capture_info.FILE).is_file():
+        info = capture_info.read(path / capture_info.FILE)
+        folders = sorted(p for p in _list(path) if p.is_dir() and not p.name.startswith("."))
+        if not folders:
+            raise errors.refuse(
+                "capture set",
+                "must hold a scene folder",
+                path,
+                "Add SCENE/0/ir_left.png and so on.",
+            )
+        scenes = tuple(_scene(folder, info) for folder in folders)
+        return CaptureSet(path=path, info=info, scenes=scenes)
+    if (path.parent / capture_info.FILE).is_file():
+        info = capture_info.read(path.parent / capture_info.FILE)
+        scene = _scene(path, info)
+        return CaptureSet(path=path.parent, info=scene.info, scenes=(scene,))
+    raise errors.refuse(
+        "captures",
+        "must be a capture set",
+        path,
+        f"Looked for {capture_info.FILE} in it and, were it one scene, in the folder above.",
+    )
+
+
+def _scene(path: Path, info: CaptureInfo) -> CapturedScene:
+    frames = sorted(int(p.name) for p in _list(path) if _NUMBER.fullmatch(p.name) and p.is_dir())
+    if not frames:
+        raise errors.refuse(
+            "scene", "must hold a frame folder", path, "Name it 0: SCENE/0/ir_left.png and so on."
+        )
+    own = path / capture_info.OWN
+    info = capture_info.read(own) if os.path.lexists(own) else info
+    room = path / "room"
+    name = _text(room).strip() if os.path.lexists(room) else path.name
+    return CapturedScene(
+        name=path.name, room=name or path.name, path=path, info=info, frames=tuple(frames)
+    )
+
+
+def _list(path: Path) -> list[Path]:
+    try:
+        return list(path.iterdir())
+    except OSError as error:
+        raise errors.refuse(
+            "captures", "must be a readable folder", path, f"{error.strerror}."
+        ) from error
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise errors.refuse(path.name, "must be readable", path, f"{error.strerror}.") from error
+    except UnicodeDecodeError as error:
+        raise errors.refuse(path.name, "must be UTF-8 text", path, "Write it again.") from error
+
+
+def _record(folder: Path) -> dict[str, Any]:
+    path = folder / "frame.json"
+    if not os.path.lexists(path):
+        return {}
+    try:
+        record = json.loads(_text(path))
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, errors.InputError):
+            raise
+        raise errors.refuse("frame.json", "must be JSON", path, f"{error}.") from error
+    if not isinstance(record, dict):
+        raise errors.refuse("frame.json", "must be one object", path, "Write {...}.")
+    return record
+
+
+def _check_pair(folder: Path, left: GreyImage | None, right: GreyImage | None, name: str) -> None:
+    """Sizes are held by `capture.toml`; what is left is a missing left and unequal depths."""
+    if right is not None and left is None:
+        raise errors.refuse(
+            f"{name} pair", "must have its left image", folder, "Is the folder complete?"
+        )
+    if left is not None and right is not None and left.dtype != right.dtype:
+        raise errors.refuse(
+            f"{name} pair",
+            "must be of one bit depth",
+            f"{folder}, left {left.dtype}, right {right.dtype}",
+            "Save both alike.",
+        )

@@ -1,0 +1,126 @@
+"""LabelFusion's layout of a log: images and depths by number, their times, and a trajectory.
+
+    images/0000000001_rgb.png, 0000000001_depth.png     depth 16 bits, millimetres, 0 = none
+    images/0000000001_utime.txt                         microseconds
+    posegraph.posegraph         TIME tx ty tz qx qy qz qw: camera in its first frame, seconds
+    posegraph_smoothed.posegraph                        the same, smoothed; taken where it is there
+    camera.cfg                                          fx fy cx cy [px], as ElasticFusion reads it
+
+Both images of a number are of one message, so `utime` is the depth's time too. Seconds of the
+trajectory times 1e6 are `utime`, and its poses have z forward and y down.
+
+Source: Marion et al., Label Fusion: a pipeline for generating ground truth labels for real RGBD
+data of cluttered scenes, ICRA 2018, and its program at commit e4d90be: names, counting and kinds
+of images in `imagecapture.py` and `utils.py`; unit and order of the trajectory and the preference
+for the smoothed one in `rendertrainingimages.py`. Depth is written there only when asked for. Its
+own intrinsics are fixed in the code (528 528 320 240); `camera.cfg` is what ElasticFusion's flag
+-cal takes, and the log may lack it.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns.errors import refuse
+from starling.sim.captures import png
+from starling.sim.captures.exchange import quaternion, stream_file
+from starling.sim.captures.exchange.stream import Moment, Stream, nearest
+from starling.sim.geometry.frames import Pose
+from starling.sim.geometry.pinhole import Pinhole
+
+UNIT_M = 1e-3
+_TRAJECTORIES = ("posegraph_smoothed.posegraph", "posegraph.posegraph")
+_CAMERA = "camera.cfg"
+_DEPTH = re.compile(r"(\d{10})_depth\.png")
+
+
+def read(path: Path, camera: Pinhole | None = None) -> Stream:
+    """Open a log; images are read when asked for.
+
+    Args:
+        path: its folder.
+        camera: of the depth images; None takes `camera.cfg`.
+
+    Raises:
+        InputError: if there are no depths, a time or the trajectory is missing or damaged, or the
+            camera is not known.
+    """
+    images = path / "images"
+    numbers = sorted(match[1] for match in map(_DEPTH.fullmatch, _names(images)) if match)
+    if not numbers:
+        advice = "Extract them from the log: run_create_data -d."
+        raise refuse("log", "must hold images/NUMBER_depth.png", path, advice)
+    poses = _poses(path)
+    moments = []
+    for number in numbers:
+        time_s = _time_s(images / f"{number}_utime.txt")
+        picture = images / f"{number}_rgb.png"
+        moments.append(
+            Moment(
+                time_s=time_s,
+                world_from_camera=nearest(poses, time_s),
+                depth=partial(stream_file.depth, images / f"{number}_depth.png", UNIT_M),
+                image=partial(_picture, picture) if picture.is_file() else None,
+            )
+        )
+    moments.sort(key=lambda moment: moment.time_s)
+    first = images / f"{numbers[0]}_depth.png"
+    return Stream(camera=camera or _camera(path / _CAMERA, first), moments=tuple(moments))
+
+
+def _names(images: Path) -> list[str]:
+    return [one.name for one in images.iterdir()] if images.is_dir() else []
+
+
+def _time_s(path: Path) -> float:
+    text = stream_file.text(path)
+    if not text.strip().isdecimal():
+        raise refuse(path.name, "must hold microseconds", repr(text[:40]), "Is the log whole?")
+    return int(text) / 1e6
+
+
+def _poses(path: Path) -> list[tuple[float, Pose]]:
+    found = next((path / name for name in _TRAJECTORIES if (path / name).is_file()), None)
+    if found is None:
+        raise refuse("log", f"must hold {_TRAJECTORIES[-1]}", path, "Run ElasticFusion on it.")
+    rows = [_row(line, found) for line in stream_file.text(found).splitlines() if line.strip()]
+    return sorted(((row[0], quaternion.pose(row[1:4], row[4:])) for row in rows), key=_time_of)
+
+
+def _time_of(timed: tuple[float, Pose]) -> float:
+    return timed[0]
+
+
+def _row(line: str, path: Path) -> NDArray[np.float64]:
+    """Time, place and quaternion, 8 numbers."""
+    try:
+        row = np.array(line.split(), float)
+    except ValueError:
+        row = np.zeros(0)
+    if len(row) != 8 or not np.isfinite(row).all() or not row[4:].any():
+        rule = "must have lines TIME tx ty tz qx qy qz qw"
+        raise refuse(path.name, rule, repr(line[:80]), "Is it ElasticFusion's?")
+    return row
+
+
+def _camera(path: Path, depth: Path) -> Pinhole:
+    advice = "LabelFusion's own is 528 528 320 240 of 640 x 480: give the camera."
+    try:
+        fx, fy, cx, cy = map(float, path.read_text(encoding="utf-8").split())
+    except (OSError, ValueError) as error:
+        raise refuse(_CAMERA, "must tell fx fy cx cy", error, advice) from error
+    height, width = png.read(depth, "depth").shape
+    return Pinhole(width=width, height=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
+
+
+def _picture(path: Path) -> NDArray[np.uint8]:
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise refuse("rgb", "must be a readable image", path, "Copy it again.")
+    return np.ascontiguousarray(image[..., ::-1], np.uint8)

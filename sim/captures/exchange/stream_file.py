@@ -1,0 +1,36 @@
+"""Files of RGB-D streams, whatever layout they are of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns.errors import refuse
+from starling.sim.captures import png
+from starling.sim.stereo.depth import from_code
+
+
+def text(path: Path) -> str:
+    """Read a text file.
+
+    Raises:
+        InputError: if it cannot be read, or is no UTF-8.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise refuse(path.name, "must be readable", path, f"{error}.") from error
+
+
+def depth(path: Path, unit_m: float) -> NDArray[np.float32]:
+    """Read depth z [m] (h, w), NaN = none, of codes of 16 bits.
+
+    Raises:
+        InputError: if it cannot be read, or has 8 bits.
+    """
+    code = png.read(path, "depth")
+    if code.dtype != np.uint16:
+        raise refuse("depth", "must be of 16 bits", f"{path}, 8-bit", "Extract it again.")
+    return from_code(code.astype(np.uint16), unit_m)

@@ -1,0 +1,146 @@
+"""The layout of TUM's RGB-D benchmark: images and depths by time, and a trajectory.
+
+    rgb.txt, depth.txt      TIME FILE
+    groundtruth.txt         TIME tx ty tz qx qy qz qw: camera in the world
+    rgb/TIME.png, depth/TIME.png        depth in steps of 1/5000 m, 0 = none
+
+Source: Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012, and its
+page on file formats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns.errors import refuse
+from starling.sim.captures import png
+from starling.sim.captures.capture import CapturedScene
+from starling.sim.captures.exchange import quaternion, sequence, stream_file
+from starling.sim.captures.exchange.stream import Moment, Stream, nearest
+from starling.sim.console.output import Folder
+from starling.sim.geometry.frames import Pose
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.stereo.depth import to_code
+
+UNIT_M = 1 / 5000
+_CAMERA = "camera.txt"  # fx fy cx cy width height; TUM's own sets have none.
+
+
+def export(scenes: Sequence[CapturedScene], folder: Folder) -> int:
+    """Write scenes that follow each other in time, the left infrared image as the picture.
+
+    Args:
+        scenes: each frame's pose is that of its `frame.json`, where it has one.
+        folder: where to.
+
+    Returns:
+        How many frames were written.
+
+    Raises:
+        InputError: if cameras differ, or a frame has no depth.
+    """
+    info = scenes[0].info
+    lists: dict[str, list[str]] = {"rgb": [], "depth": [], "groundtruth": []}
+    taken = sequence.of(scenes)
+    for one in taken:
+        frame, depth_m = one.read()
+        time = f"{one.time_s:.6f}"
+        folder.write(f"depth/{time}.png", png.encode(to_code(depth_m, UNIT_M)))
+        lists["depth"].append(f"{time} depth/{time}.png")
+        if frame.ir_left is not None:
+            folder.write(f"rgb/{time}.png", png.encode(frame.ir_left))
+            lists["rgb"].append(f"{time} rgb/{time}.png")
+        pose = sequence.world_from_left(frame)
+        if pose is not None:
+            numbers = (*pose[:3, 3], *quaternion.of(pose))
+            lists["groundtruth"].append(" ".join([time, *(f"{part:.9g}" for part in numbers)]))
+    heads = {"rgb": "timestamp filename", "depth": "timestamp filename"}
+    for name, lines in lists.items():
+        head = heads.get(name, "timestamp tx ty tz qx qy qz qw")
+        folder.write(f"{name}.txt", "\n".join([f"# {head}", *lines]) + "\n")
+    camera = (info.fx_px, info.fy_px, info.cx_px, info.cy_px, info.width, info.height)
+    folder.write(_CAMERA, " ".join(map(repr, camera)) + "\n")
+    return len(taken)
+
+
+def read(path: Path, camera: Pinhole | None = None) -> Stream:
+    """Open a sequence; images are read when asked for.
+
+    Args:
+        path: its folder.
+        camera: of the depth images; None takes `camera.txt`, which `export` writes.
+
+    Raises:
+        InputError: if a list is missing or damaged, or the camera is not known.
+    """
+    depths = _files(path / "depth.txt")
+    pictures = sorted(_files(path / "rgb.txt")) if (path / "rgb.txt").is_file() else []
+    poses = _poses(path / "groundtruth.txt")
+    moments = []
+    for time, file in sorted(depths):
+        picture = nearest(pictures, time)
+        moments.append(
+            Moment(
+                time_s=time,
+                world_from_camera=nearest(poses, time),
+                depth=partial(stream_file.depth, path / file, UNIT_M),
+                image=None if picture is None else partial(_picture, path / picture),
+            )
+        )
+    return Stream(camera=camera or _camera(path), moments=tuple(moments))
+
+
+def _files(path: Path) -> list[tuple[float, str]]:
+    return [(float(time), file) for time, file in _lines(path, 2)]
+
+
+def _poses(path: Path) -> list[tuple[float, Pose]]:
+    rows = sorted([float(word) for word in words] for words in _lines(path, 8))
+    for row in rows:
+        if not any(row[4:]):
+            advice = "Is it TUM's layout?"
+            raise refuse(path.name, "must turn by quaternions of a length", row, advice)
+    return [(row[0], quaternion.pose(np.array(row[1:4]), np.array(row[4:]))) for row in rows]
+
+
+def _lines(path: Path, columns: int) -> list[list[str]]:
+    """Lines of a list, all but its last column, of a file's name, numbers."""
+    lines = stream_file.text(path).splitlines()
+    found = [line.split() for line in lines if line.strip() and not line.startswith("#")]
+    for words in found:
+        numbers = words[:1] if columns == 2 else words
+        if len(words) != columns or not all(map(_is_number, numbers)):
+            rule = f"must have lines of a time and {columns - 1} more"
+            raise refuse(path.name, rule, repr(" ".join(words)), "Is it TUM's layout?")
+    return found
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return np.isfinite(float(word)).item()
+    except ValueError:
+        return False
+
+
+def _camera(path: Path) -> Pinhole:
+    try:
+        words = (path / _CAMERA).read_text(encoding="utf-8").split()
+        fx, fy, cx, cy, width, height = map(float, words)
+    except (OSError, ValueError) as error:
+        rule, advice = "must tell fx fy cx cy width height", "TUM's own sets do not: give it."
+        raise refuse(_CAMERA, rule, error, advice) from error
+    return Pinhole(width=int(width), height=int(height), fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
+
+
+def _picture(path: Path) -> NDArray[Any]:
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise refuse("rgb", "must be a readable image", path, "Copy it again.")
+    return np.ascontiguousarray(image[..., ::-1]) if image.ndim == 3 else np.asarray(image)

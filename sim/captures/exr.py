@@ -1,0 +1,200 @@
+"""One frame's layers, truth and depth as one multi-part OpenEXR file, and back.
+
+Radiance, depth and disparity are stored as float (32 bits) and come back bit for bit. The normal
+is stored as half: 11 bits of mantissa are 0.03 deg, finer than any mesh here; a normal that was
+rounded to half before comes back bit for bit. Codes and masks are uint32, the one whole number
+OpenEXR knows.
+"""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+from starling.sim.captures import exr_structure
+from starling.sim.reason import Reason
+from starling.sim.render.layers import Layers, Truth, View
+from starling.sim.stereo.depth import DepthMap
+
+_VIEW: dict[str, tuple[type[np.generic], str]] = {
+    "projector_direct": (np.float32, "W m^-2 sr^-1 for 1 W"),
+    "projector_indirect": (np.float32, "W m^-2 sr^-1 for 1 W"),
+    "ambient": (np.float32, "W m^-2 sr^-1 for 1 W m^-2"),
+    "other": (np.float32, "W m^-2 sr^-1"),
+    "depth_m": (np.float32, "m, z along this imager's axis, NaN = no surface"),
+    "body": (np.uint32, "object number from 1, 0 = no surface"),
+}
+_NORMAL = ("normal.x", "normal.y", "normal.z")
+
+# Part -> channel -> (type on disk, unit).
+_LAYOUT: dict[str, dict[str, tuple[type[np.generic], str]]] = {
+    "left": _VIEW,
+    "right": _VIEW,
+    "truth": {
+        "depth_m": (np.float32, "m, z along the optical axis, NaN = no surface"),
+        **{
+            name: (np.float16, "unit vector, left frame (x right, y down, z ahead)")
+            for name in _NORMAL
+        },
+        "material": (np.uint32, "object number from 1, 0 = no surface"),
+        "right_sees": (np.uint32, "1 = the right imager sees the point"),
+        "lit": (np.uint32, "1 = the projector reaches the point"),
+    },
+    "depth": {
+        "disparity_px": (np.float32, "px, x_left - x_right, NaN = none"),
+        "depth_m": (np.float32, "m, z along the optical axis, NaN = none"),
+        "reason": (np.uint32, ", ".join(f"{code.value} {code.name}" for code in Reason)),
+    },
+}
+
+
+def write(path: Path, layers: Layers, depth: DepthMap) -> None:
+    """Write the file.
+
+    Raises:
+        OSError: if it cannot be written whole; the library itself is silent when a disk fills.
+    """
+    import OpenEXR
+
+    arrays = _arrays(layers, depth)
+    parts = [
+        OpenEXR.Part(
+            {
+                "type": OpenEXR.scanlineimage,
+                "compression": OpenEXR.ZIP_COMPRESSION,
+                **{f"unit {channel}": unit for channel, (_, unit) in channels.items()},
+            },
+            {
+                channel: np.ascontiguousarray(arrays[part][channel], kind)
+                for channel, (kind, _) in channels.items()
+            },
+            part,
+        )
+        for part, channels in _LAYOUT.items()
+        if part in arrays
+    ]
+    try:
+        OpenEXR.File(parts).write(str(path))
+        exr_structure.check(path.read_bytes(), pixels=False)
+    except RuntimeError as error:
+        code = errno.ENOSPC if "No space left" in str(error) else errno.EIO
+        raise OSError(code, str(error)) from error
+    except exr_structure.DamagedError as error:
+        raise OSError(errno.ENOSPC, f"the file came out damaged: {error}") from error
+
+
+def read(path: Path) -> tuple[Layers, DepthMap]:
+    """Read what `write` wrote.
+
+    Raises:
+        InputError: if the file is missing, no OpenEXR, cut short, damaged, or lacks a part or
+            channel.
+    """
+    import OpenEXR
+
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise errors.refuse("EXR file", "must be readable", path, f"{error.strerror}.") from error
+    try:  # Before the library sees it, which prints and skips what it cannot read.
+        exr_structure.check(data)
+    except exr_structure.DamagedError as error:
+        raise errors.refuse(
+            "EXR file", "must be a whole OpenEXR file", f"{path}, {error}", "Simulate it again."
+        ) from error
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            found = {
+                part.name(): {name: channel.pixels for name, channel in part.channels.items()}
+                for part in file.parts  # The file's own dicts are emptied when it closes.
+            }
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise errors.refuse("EXR file", "must be readable", path, f"{error}.") from error
+    needed = [part for part in _LAYOUT if part != "right" or part in found]
+    arrays = {part: _channels(path, part, found.get(part)) for part in needed}
+    _check_sizes(path, arrays)
+    return _layers(arrays), _depth(arrays["depth"])
+
+
+def _arrays(layers: Layers, depth: DepthMap) -> dict[str, dict[str, NDArray[Any]]]:
+    truth, views = layers.truth, {"left": layers.left}
+    if layers.right is not None:
+        views["right"] = layers.right
+    return {
+        **{side: {name: getattr(view, name) for name in _VIEW} for side, view in views.items()},
+        "truth": {
+            "depth_m": truth.depth_m,
+            **{name: truth.normal[..., axis] for axis, name in enumerate(_NORMAL)},
+            "material": truth.material,
+            "right_sees": truth.right_sees,
+            "lit": truth.lit,
+        },
+        "depth": {
+            "disparity_px": depth.disparity_px,
+            "depth_m": depth.depth_m,
+            "reason": depth.reason,
+        },
+    }
+
+
+def _channels(path: Path, part: str, found: dict[str, Any] | None) -> dict[str, NDArray[Any]]:
+    """Take the channels of one part; whatever else is in it is left alone."""
+    if found is None:
+        raise errors.refuse(
+            "EXR file",
+            f"must have the parts {', '.join(_LAYOUT)}",
+            f"{path} without {part}",
+            "Is it a frame.exr that starling wrote?",
+        )
+    taken = {}
+    for name, (kind, _) in _LAYOUT[part].items():
+        pixels = found.get(name)
+        if pixels is None or pixels.dtype != kind or pixels.ndim != 2:
+            raise errors.refuse(
+                "EXR file",
+                f"must have the channel {name} of {np.dtype(kind).name} in part {part}",
+                f"{path} with {', '.join(found)}",
+                "Is it a frame.exr that starling wrote?",
+            )
+        taken[name] = pixels
+    return taken
+
+
+def _check_sizes(path: Path, arrays: dict[str, dict[str, NDArray[Any]]]) -> None:
+    shapes = {array.shape for channels in arrays.values() for array in channels.values()}
+    if len(shapes) > 1:
+        raise errors.refuse(
+            "EXR file",
+            "must hold parts of one size",
+            f"{path}, {sorted(shapes)}",
+            "Simulate it again.",
+        )
+
+
+def _layers(arrays: dict[str, dict[str, NDArray[Any]]]) -> Layers:
+    truth = arrays["truth"]
+    return Layers(
+        left=View(**arrays["left"]),
+        right=View(**arrays["right"]) if "right" in arrays else None,
+        truth=Truth(
+            depth_m=truth["depth_m"],
+            normal=np.stack([truth[name] for name in _NORMAL], axis=-1).astype(np.float32),
+            material=truth["material"],
+            right_sees=truth["right_sees"] > 0,
+            lit=truth["lit"] > 0,
+        ),
+    )
+
+
+def _depth(channels: dict[str, NDArray[Any]]) -> DepthMap:
+    return DepthMap(
+        disparity_px=channels["disparity_px"],
+        depth_m=channels["depth_m"],
+        valid=channels["reason"] == Reason.VALID,
+        reason=channels["reason"],
+    )

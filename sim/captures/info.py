@@ -1,0 +1,134 @@
+"""What `capture.toml` says of a capture set: which device, its geometry, where it comes from."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+from starling.sim.captures import toml_file
+from starling.sim.geometry.pinhole import Pinhole
+from starling.sim.sensor import structure
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo.depth import disparity_from_depth
+
+FILE = "capture.toml"
+OWN = "camera.toml"  # The same of one scene alone, in its folder.
+_Row = tuple[float, float, float, float]
+
+
+_SAME_LENGTH = 0.02  # Of focal lengths and baseline: more than calibrations of one unit differ by.
+_SAME_CENTRE = 0.005  # Of the principal point, over the image's width.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CaptureInfo:
+    """Geometry and origin of a capture set; the rectified pair shares one pinhole."""
+
+    sensor: str  # The device, as its preset is called: `d415`.
+    width: int  # [px]
+    height: int  # [px]
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    baseline_m: float
+    depth_unit_m: float  # Step of the 16-bit depth images [m].
+    source: str
+    licence: str
+    notes: str
+    preset: str | None = None  # The device's own settings by name: `High Accuracy`.
+    projector: str | None = None  # What is known of it: `on`, its power, its pattern.
+    black_level_dn: float | None = None  # Pedestal of the infrared images [DN].
+    distortion: tuple[float, float, float, float, float] | None = None  # k1 k2 p1 p2 k3 (OpenCV)
+    colour: Pinhole | None = None
+    colour_from_left: tuple[_Row, _Row, _Row, _Row] | None = None  # Rigid, metres.
+    extra: Mapping[str, Any] = field(default_factory=dict)  # Keys unknown here, kept as they are.
+
+    def __post_init__(self) -> None:
+        Pinhole.of(self)  # Refuses what cannot be.
+        errors.positive(
+            "baseline_m", self.baseline_m, "The left imager comes first: give the distance [m]."
+        )
+        errors.positive("depth_unit_m", self.depth_unit_m, "Give the step of depth.png [m].")
+        if self.black_level_dn is not None:
+            errors.in_interval("black_level_dn", self.black_level_dn, 0.0, 65535.0)
+        if self.colour_from_left is not None:
+            _check_rigid(np.array(self.colour_from_left))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(h, w) of every image in the left infrared view."""
+        return self.height, self.width
+
+    @property
+    def focal_baseline_px_m(self) -> float:
+        """f b [px m]: disparity [px] times depth [m]."""
+        return self.fx_px * self.baseline_m
+
+    def disparity_px(self, depth_m: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Disparity [px] that depth [m] in the left view means, any shape; NaN where unknown."""
+        return disparity_from_depth(depth_m, focal_px=self.fx_px, baseline_m=self.baseline_m)
+
+    def are_of(self, sensor: Sensor) -> bool:
+        """Whether a sensor may be the very camera: of one size, and of nearly one geometry."""
+        centre = max(abs(self.cx_px - sensor.cx_px), abs(self.cy_px - sensor.cy_px))
+        lengths = ("fx_px", "fy_px", "baseline_m")
+        ratios = [getattr(sensor, name) / getattr(self, name) for name in lengths]
+        return (
+            (sensor.width, sensor.height) == (self.width, self.height)
+            and centre <= _SAME_CENTRE * self.width
+            and all(abs(ratio - 1) <= _SAME_LENGTH for ratio in ratios)
+        )
+
+    def geometry_into(self, sensor: Sensor) -> Sensor:
+        """Give a sensor the image size, intrinsics and baseline of these captures."""
+        changes: dict[str, Any] = dataclasses.asdict(Pinhole.of(self))
+        changes["baseline_m"] = self.baseline_m
+        if sensor.kind == "structured_light":  # Its projector stands at the baseline's end.
+            place = (self.baseline_m, 0.0, 0.0)
+            changes["projector"] = dataclasses.replace(sensor.projector, position_m=place)
+        return dataclasses.replace(sensor, **changes)
+
+
+def read(path: Path) -> CaptureInfo:
+    """Read `capture.toml`.
+
+    Raises:
+        InputError: if it is missing or no TOML, lacks a key (intrinsics!), or holds a value that
+            cannot be. Keys unknown here are kept in `extra`.
+    """
+    return toml_file.read(path, from_table)
+
+
+def from_table(table: Mapping[str, Any]) -> CaptureInfo:
+    """Build the info from the file's table; unknown keys go to `extra`."""
+    known = {item.name for item in dataclasses.fields(CaptureInfo)} - {"extra"}
+    info = structure.from_table(
+        CaptureInfo, {key: value for key, value in table.items() if key in known}
+    )
+    extra = {key: value for key, value in table.items() if key not in known}
+    return dataclasses.replace(info, extra=extra)
+
+
+def dumps(info: CaptureInfo) -> str:
+    """Write the info as TOML text that `read` reads back equal."""
+    table = structure.to_table(info)
+    extra = table.pop("extra", {})
+    return tomli_w.dumps({**table, **extra})
+
+
+def _check_rigid(pose: np.ndarray) -> None:
+    rotation = pose[:3, :3]
+    rigid = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3)
+    if not np.isfinite(pose).all() or not rigid or list(pose[3]) != [0, 0, 0, 1]:
+        raise errors.refuse(
+            "colour_from_left", "must be rigid, [R t; 0 1]", pose.tolist(), "Give four rows."
+        )

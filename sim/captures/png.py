@@ -1,0 +1,137 @@
+"""PNG images of capture sets: grey of 8 or 16 bits, and the colour camera's."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+
+GreyImage = NDArray[np.uint8] | NDArray[np.uint16]
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_COLOUR_TYPES = {0: "grey", 2: "colour", 3: "palette", 4: "grey with alpha", 6: "colour with alpha"}
+_WIDEST = 16384  # Beyond every imager: a header that says more is damaged.
+
+
+def read(path: Path, name: str) -> GreyImage:
+    """Read a grey PNG as it is, without any conversion.
+
+    Args:
+        path: the file.
+        name: what the image is, for messages: `ir_left`.
+
+    Returns:
+        (h, w) uint8 or uint16.
+
+    Raises:
+        InputError: if the file is missing, no PNG, cut short, damaged, of zero size, colour, or
+            of another depth than 8 or 16 bits.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise errors.refuse(
+            name, "must be a readable PNG file", path, f"{error.strerror}."
+        ) from error
+    bits = _checked_bits(data, path, name)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise _damaged(path, name, "pixel data that does not decode") from error
+    if image is None or image.ndim != 2 or image.itemsize * 8 != bits:
+        raise _damaged(path, name, "pixel data that does not decode")
+    return image.astype(np.uint8) if bits == 8 else image.astype(np.uint16)
+
+
+def encode(image: GreyImage) -> bytes:
+    """Write (h, w) uint8 or uint16 as the bytes of a PNG."""
+    if image.ndim != 2 or image.size == 0 or image.dtype not in (np.uint8, np.uint16):
+        raise errors.refuse(
+            "image",
+            "must be (h, w) of 8 or 16 bits",
+            f"{image.shape} {image.dtype}",
+            "Convert it first.",
+        )
+    return cv2.imencode(".png", image)[1].tobytes()
+
+
+def encode_colour(image: NDArray[np.uint8]) -> bytes:
+    """Write (h, w, 3) red, green, blue as the bytes of a PNG."""
+    if image.ndim != 3 or image.shape[2] != 3 or image.size == 0 or image.dtype != np.uint8:
+        raise errors.refuse(
+            "colour image",
+            "must be (h, w, 3) of 8 bits",
+            f"{image.shape} {image.dtype}",
+            "Convert it first.",
+        )
+    return cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes()
+
+
+def _checked_bits(data: bytes, path: Path, name: str) -> int:
+    """Check the file's structure, since decoders pad what is cut short; return its bit depth."""
+    if not data:
+        raise errors.refuse(name, "must be a PNG file", f"{path}, an empty file", "Copy it again.")
+    if not data.startswith(_SIGNATURE):
+        raise errors.refuse(name, "must be a PNG file", path, "Convert it losslessly to PNG.")
+    header, pixels = b"", b""
+    at, kind = len(_SIGNATURE), b""
+    while kind != b"IEND":
+        if at + 12 > len(data):
+            raise _damaged(path, name, "a file cut short")
+        (length,) = struct.unpack_from(">I", data, at)
+        kind = data[at + 4 : at + 8]
+        end = at + 12 + length
+        if end > len(data):
+            raise _damaged(path, name, "a file cut short")
+        (checksum,) = struct.unpack_from(">I", data, end - 4)
+        if zlib.crc32(data[at + 4 : end - 4]) != checksum:
+            raise _damaged(path, name, "a wrong checksum")
+        if kind == b"IHDR":
+            header = data[at + 8 : end - 4]
+        if kind == b"IDAT":
+            pixels += data[at + 8 : end - 4]
+        at = end
+    if len(header) != 13:
+        raise _damaged(path, name, "no image header")
+    width, height, bits, colour, _, _, interlaced = struct.unpack(">IIBBBBB", header)
+    _check_kind(path, name, width, height, bits, colour)
+    size = height * (1 + width * bits // 8)  # Each row starts with the number of its filter.
+    if not interlaced and not _inflates_to(pixels, size):
+        raise _damaged(path, name, "too little pixel data")
+    return int(bits)
+
+
+def _inflates_to(data: bytes, size: int) -> bool:
+    try:
+        return len(zlib.decompressobj().decompress(data, size + 1)) == size
+    except zlib.error:
+        return False
+
+
+def _check_kind(path: Path, name: str, width: int, height: int, bits: int, colour: int) -> None:
+    if not (1 <= width <= _WIDEST and 1 <= height <= _WIDEST):
+        raise errors.refuse(
+            name,
+            f"must be 1 to {_WIDEST} pixels wide and high",
+            f"{path}, {width}x{height}",
+            "Copy it again from the source.",
+        )
+    if colour != 0 or bits not in (8, 16):
+        raise errors.refuse(
+            name,
+            "must be a grey PNG of 8 or 16 bits",
+            f"{path}, {bits}-bit {_COLOUR_TYPES.get(colour, f'type {colour}')}",
+            "Save one channel, without scaling it.",
+        )
+
+
+def _damaged(path: Path, name: str, what: str) -> errors.InputError:
+    return errors.refuse(
+        name, "must be a whole PNG file", f"{path}, {what}", "Copy it again from the source."
+    )

@@ -1,0 +1,264 @@
+"""The atlas: what every effect of the table looks like, one page and one picture each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.sim import effects, metrics
+from starling.sim.commands import atlas_page
+from starling.sim.console import progress, record
+from starling.sim.console.output import RECORD, OutputFolder
+from starling.sim.effects import Effect, Stage, Value, written
+from starling.sim.effects import setting as setting
+from starling.sim.imaging.dot_contrast import dot_contrast
+from starling.sim.imaging.imager import Infrared
+from starling.sim.plotting import panels, sheet
+from starling.sim.plotting.sheet import Panel
+from starling.sim.render import backend
+from starling.sim.render.layers import Image
+from starling.sim.scene import sources
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.simulate import Shot, refuse_impossible, sequence
+from starling.sim.stereo.depth import disparity_from_depth, from_code, to_code
+
+SCENE = "tabletop"
+# Effects that do nothing unless something else does, and what they are drawn with.
+SHOWN_WITH: dict[str, dict[str, Value]] = {
+    "rolling_shutter": {"motion": 1.0},
+    "black_level": {"quantisation": 8.0},
+    "blooming": {"projector_power": 2.0},
+    "dropped_bits": {"quantisation": 8},
+}
+_FRAMES = 6  # Where a filter over time is on: enough for it to settle.
+_CROP = (0.42, 0.40, 0.36)  # Left, top and size of the part shown of the infrared, of the image's.
+_DPI = 65
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Drawing:
+    """What one effect is drawn from."""
+
+    row: Effect
+    without: tuple[Sensor, Scene]
+    affected: Mapping[Value, tuple[Sensor, Scene]]  # By value; that which changes most is drawn.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Seen:
+    """A reading and what is measured on it."""
+
+    shot: Shot
+    truth_m: Image  # What the errors are against.
+    error_px: Image
+    figures: dict[str, float]
+
+
+def atlas(
+    out: Path,
+    sensor: Sensor,
+    *,
+    names: Iterable[str] = (),
+    force: bool = False,
+    tell: progress.Progress = progress.silent,
+) -> dict[str, Any]:
+    """Draw effects, each beside the same camera without it.
+
+    Effects up to the imager are shown on the ideal camera; what matcher and post-processing do
+    shows only on noisy images, so theirs are shown on the sensor as it is.
+
+    Args:
+        out: folder to make.
+        sensor: whose geometry, pattern and matcher are used.
+        names: effects to draw; all where empty.
+        force: replace an atlas made before.
+        tell: wraps the loop over effects.
+
+    Returns:
+        `{"out", "files", "seconds", "effects": {NAME: {"value", "without", "with"}}}`.
+
+    Raises:
+        InputError: unknown effect, one that the sensor cannot show, or a folder that cannot be
+            written; nothing is rendered before.
+    """
+    started = time.perf_counter()
+    rows = [effects.named(name) for name in dict.fromkeys(names)] or list(effects.table())
+    scene = sources.load(SCENE, sensor)
+    ideal = setting.ideal(sensor, scene)
+    # A table lit by nothing but the projector has shadows without a trace of light.
+    ideal = ideal[0], setting.on_scene(ideal[1], {"ambient": scene.ambient.irradiance_w_m2})
+    drawings = [_drawing(row, ideal, (sensor, scene)) for row in rows]
+    plain: dict[int, _Seen] = {}  # By the camera's `id`: most are drawn beside one of two.
+    figures: dict[str, Any] = {}
+    with OutputFolder(out, force=force) as folder:
+        for drawing in tell(drawings, "atlas"):
+            row, base = drawing.row, drawing.without
+            if id(base) not in plain:
+                plain[id(base)] = _seen(*base)
+            without = plain[id(base)]
+            # Errors are against where things stand without the effect.
+            seen = {
+                value: _seen(*camera, truth_m=without.truth_m)
+                for value, camera in drawing.affected.items()
+            }
+            value, affected = max(seen.items(), key=lambda item: _changed(without, item[1]))
+            folder.write(f"{row.name}.jpg", _picture(row, value, without, affected))
+            measured = {"without": without.figures, "with": affected.figures}
+            folder.write(f"{row.name}.md", atlas_page.page(row, value, measured))
+            figures[row.name] = {"value": value, **measured}
+        folder.write("index.md", atlas_page.index(rows))
+        arguments = {"sensor": sensor.name, "scene": SCENE, "effects": [row.name for row in rows]}
+        folder.write(
+            RECORD,
+            record.dumps(
+                {
+                    "verb": "atlas",
+                    "arguments": arguments,
+                    "versions": record.versions(),
+                    "renderer": backend.renderer(),
+                    "figures": figures,
+                }
+            ),
+        )
+    return {
+        "out": str(folder.path),
+        "files": 2 * len(rows) + 2,
+        "seconds": round(time.perf_counter() - started, 3),
+        "effects": figures,
+    }
+
+
+def _drawing(row: Effect, ideal: tuple[Sensor, Scene], given: tuple[Sensor, Scene]) -> _Drawing:
+    """Choose the camera and the values that a row is drawn with."""
+    base = given if row.stage in (Stage.MATCHER, Stage.POST) else ideal
+    if row.name in SHOWN_WITH:
+        base = setting.apply(*base, SHOWN_WITH[row.name])
+    affected = {value: setting.apply(*base, {row.name: value}) for value in far_ends(row, *base)}
+    for sensor, _ in affected.values():
+        refuse_impossible(sensor, _frames(sensor))
+    return _Drawing(row=row, without=base, affected=affected)
+
+
+def far_ends(row: Effect, sensor: Sensor, scene: Scene) -> list[Value]:
+    """Values of a row's first parameter that are far from where it stands.
+
+    Both ends of its range where it stands between them; of choices the first and the last.
+    """
+    parameter = row.parameters[0]
+    base = setting.value(parameter, sensor, scene)
+    if parameter.choices:
+        return [end for end in (parameter.choices[0], parameter.choices[-1]) if end != base]
+    low, high = parameter.low, parameter.high
+    assert low is not None and high is not None  # A number has a range.
+    if not isinstance(base, float):
+        return [high]  # A sensor without the field: refused where it is set.
+    if low < base < high:
+        return [low, high]
+    return [low if base >= high else high]
+
+
+def _changed(without: _Seen, affected: _Seen) -> float:
+    """Share of pixels whose disparity error is another, or there in one alone."""
+    same = np.isclose(without.error_px, affected.error_px, rtol=0, atol=0.01, equal_nan=True)
+    return float(1 - same.mean())
+
+
+def _frames(sensor: Sensor) -> int:
+    return _FRAMES if sensor.post.temporal_alpha < 1 else 1
+
+
+def _seen(sensor: Sensor, scene: Scene, *, truth_m: Image | None = None) -> _Seen:
+    """Simulate, and measure against a truth, its own where none is given."""
+    *_, shot = sequence(scene, sensor, frames=_frames(sensor))
+    if truth_m is None:
+        truth_m = shot.layers.truth.depth_m
+    truth = disparity_from_depth(truth_m, focal_px=sensor.fx_px, baseline_m=sensor.baseline_m)
+    # As it is written: in steps of the depth unit.
+    unit = sensor.post.depth_unit_m
+    found = disparity_from_depth(
+        from_code(to_code(shot.depth.depth_m, unit), unit),
+        focal_px=sensor.fx_px,
+        baseline_m=sensor.baseline_m,
+    )
+    scored = metrics.disparity_figures(found, truth, metrics.scored_pixels(truth))
+    return _Seen(
+        shot=shot,
+        truth_m=truth_m,
+        error_px=found - truth,
+        figures={
+            "mean level [share of full scale]": float(shot.ir_left.mean()) / sensor.left.ceiling_dn,
+            "dot contrast": dot_contrast(_bytes(shot.ir_left, sensor), 0.0),
+            "disparity bias [px]": scored.bias_px,
+            "disparity NMAD [px]": scored.nmad_px,
+            "off by more than 1 px [%]": scored.bad1_pct,
+            "no depth [%]": 100 * float(1 - shot.depth.valid.mean()),
+        },
+    )
+
+
+def _bytes(infrared: Infrared, sensor: Sensor) -> NDArray[np.uint8]:
+    """Bring an image to 8 bits, on which dot contrast is defined."""
+    return np.rint(infrared * (255 / sensor.left.ceiling_dn)).astype(np.uint8)
+
+
+def _picture(row: Effect, value: Value, without: _Seen, affected: _Seen) -> bytes:
+    """Draw infrared, disparity error and holes, without the effect on the left, with it right."""
+    titles = ("without", f"{row.name} = {written(value)}")
+    rows = [_top(without, affected, titles)]
+    rows.append(
+        [
+            Panel(
+                draw=partial(panels.error, error_px=seen.error_px, title="disparity error"),
+                below_in=panels.BAR_IN,
+            )
+            for seen in (without, affected)
+        ]
+    )
+    rows.append(
+        [
+            Panel(
+                draw=partial(panels.reasons, reason=seen.shot.depth.reason, title="holes"),
+                below_in=panels.legend_in(seen.shot.depth.reason),
+            )
+            for seen in (without, affected)
+        ]
+    )
+    shape = without.shot.depth.valid.shape
+    return sheet.draw(rows, shape, dpi=_DPI, kind="jpeg")
+
+
+def _top(without: _Seen, affected: _Seen, titles: tuple[str, str]) -> list[Panel]:
+    """Draw part of the infrared; where depth was registered, that beside the depth it is of."""
+    registered = affected.shot.registered_m
+    if registered is not None:
+        depths = (without.shot.depth.depth_m, registered)
+        limits = panels.depth_limits(*depths)
+        return [
+            Panel(
+                draw=partial(panels.depth, depth_m=depth, limits=limits, title=title),
+                below_in=panels.BAR_IN,
+            )
+            for depth, title in zip(depths, titles, strict=True)
+        ]
+    cut = [_cropped(seen.shot.ir_left) for seen in (without, affected)]
+    limits = panels.infrared_limits(cut[0])
+    return [
+        Panel(draw=partial(panels.infrared, image=image, limits=limits, title=title))
+        for image, title in zip(cut, titles, strict=True)
+    ]
+
+
+def _cropped(infrared: Infrared) -> Infrared:
+    """Cut out the part in which dots can be told apart."""
+    left, top, size = _CROP
+    height, width = infrared.shape
+    rows = slice(int(top * height), int((top + size) * height))
+    return infrared[rows, int(left * width) : int((left + size) * width)]

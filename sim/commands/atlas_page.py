@@ -1,0 +1,101 @@
+"""The atlas's pages as text, from the effect table alone, and the figures of one drawing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from starling.sim.effects import Effect, Parameter, Stage, Value, written
+
+_STAGES = {
+    Stage.SCENE: "Scene",
+    Stage.LIGHT: "Projector",
+    Stage.OPTICS: "Optics",
+    Stage.IMAGER: "Imager",
+    Stage.MATCHER: "Matcher",
+    Stage.POST: "Post-processing",
+}
+
+
+def index(rows: Sequence[Effect]) -> str:
+    """Write the page that lists all others, by stage."""
+    lines = [
+        "# Effect atlas",
+        "",
+        "Every effect of the table (`starling effects`), drawn on the `tabletop` scene by",
+        "`starling atlas`: the camera without it on the left, with it on the right.",
+    ]
+    for stage, title in _STAGES.items():
+        listed = [row for row in rows if row.stage is stage]
+        if listed:
+            lines += ["", f"## {title}", ""]
+            lines += ["| effect | family | imitates |", "| --- | --- | --- |"]
+            lines += [
+                f"| [{_words(row.name)}]({row.name}.md) | {_words(row.family)} | {row.imitates} |"
+                for row in listed
+            ]
+    return "\n".join(lines) + "\n"
+
+
+def text(row: Effect) -> str:
+    """Write what the table says of one effect."""
+    alike = ", ".join(f"[{_words(name)}]({name}.md)" for name in row.confused_with) or "nothing"
+    again = row.rerender or "no; the layers stay"
+    return "\n".join(
+        [
+            f"# {_words(row.name).capitalize()}",
+            "",
+            f"{row.imitates}",
+            "",
+            f"![Infrared, disparity error and holes without and with {row.name}]({row.name}.jpg)",
+            "",
+            f"**What gives it away.** {row.shows}",
+            "",
+            f"**What it is confused with.** {alike}.",
+            "",
+            f"**Law.** {row.law}",
+            "",
+            f"**Source.** {row.source}",
+            "",
+            f"**Needs a new render:** {again}.",
+            "",
+            "| parameter | moves | neutral | range | unit |",
+            "| --- | --- | --- | --- | --- |",
+            *(_parameter(parameter) for parameter in row.parameters),
+            "",
+        ]
+    )
+
+
+def page(row: Effect, value: Value, figures: Mapping[str, Mapping[str, float]]) -> str:
+    """Write one effect's page: the table's text and what was measured on the picture.
+
+    Args:
+        row: of the table.
+        value: its first parameter's, as drawn.
+        figures: `{"without": {NAME: number}, "with": {NAME: number}}`.
+    """
+    lines = [
+        f"Measured on the picture, {row.parameters[0].name} = {written(value)}:",
+        "",
+        "| figure | without | with |",
+        "| --- | --- | --- |",
+        *(
+            f"| {name} | {without:.3g} | {figures['with'][name]:.3g} |"
+            for name, without in figures["without"].items()
+        ),
+    ]
+    return text(row) + "\n" + "\n".join(lines) + "\n"
+
+
+def _parameter(parameter: Parameter) -> str:
+    moves = ", ".join(f"`{path}`" for path in parameter.paths)
+    neutral = "as the sensor" if parameter.neutral is None else written(parameter.neutral)
+    if parameter.choices:
+        span = ", ".join(map(written, parameter.choices))
+    else:
+        span = f"{parameter.low:g} to {parameter.high:g}"
+    return f"| {parameter.name} | {moves} | {neutral} | {span} | {parameter.unit} |"
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")

@@ -1,0 +1,177 @@
+"""How far simulated captures are from real ones: the figures of `starling compare`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+from starling.sim import metrics
+from starling.sim.captures.capture import CapturedScene, CaptureSet, Frame
+from starling.sim.console import progress
+from starling.sim.imaging.dot_contrast import dot_contrast
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Reading:
+    """The first frame of a scene and what belongs to it."""
+
+    scene: CapturedScene
+    frame: Frame
+    truth_m: NDArray[np.float32] | None
+
+    @property
+    def disparity_px(self) -> NDArray[np.float32] | None:
+        return self._disparity(self.frame.depth_m)
+
+    @property
+    def truth_px(self) -> NDArray[np.float32] | None:
+        return self._disparity(self.truth_m)
+
+    def _disparity(self, depth_m: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
+        return None if depth_m is None else self.scene.info.disparity_px(depth_m)
+
+
+def compare(
+    real: CaptureSet, sim: CaptureSet, *, tell: progress.Progress = progress.silent
+) -> dict[str, Any]:
+    """Compare the first frames of the scenes that both sets hold.
+
+    The figures, where a set holds what they need:
+
+    - `ndp_rate`: share of no-depth pixels (NDP), at columns >= 128 and, where the real set has
+      a reference, on pixels where that is known.
+    - `ndp_iou`: intersection over union of the simulated NDP mask with the real one, on the same
+      pixels; 1 is what the real one has with itself.
+    - `nmad_px`: 1.4826 x median absolute deviation of the disparity error, each against its own
+      truth, at columns >= 128 and more than 2 px from depth edges.
+    - `dot_contrast`: see `starling.sim.imaging.dot_contrast.dot_contrast`, left image.
+    - `mean_dn`: mean of the left image, black level included.
+
+    Args:
+        real: captures of a device.
+        sim: captures of the same scenes, simulated, with the same image size.
+        tell: wraps the loop over scenes.
+
+    Returns:
+        `{"metrics": {NAME: {"real", "sim", "gap"}}, "scenes": {SCENE: {NAME: {...}}},
+        "only_real": [...], "only_sim": [...]}`; gap = sim - real; `metrics` holds medians over
+        the scenes and their difference. A figure that cannot be had is NaN.
+
+    Raises:
+        InputError: if no scene is in both sets, image sizes differ, or an image is refused.
+    """
+    pairs = pair_scenes(real, sim)
+    scenes = {a.name: _compare_scene(a, b) for a, b in tell(pairs, "compare")}
+    names = {scene.name for scene, _ in pairs}
+    return {
+        "metrics": _medians(scenes),
+        "scenes": scenes,
+        "only_real": [scene.name for scene in real.scenes if scene.name not in names],
+        "only_sim": [scene.name for scene in sim.scenes if scene.name not in names],
+    }
+
+
+def pair_scenes(
+    real: CaptureSet, sim: CaptureSet
+) -> tuple[tuple[CapturedScene, CapturedScene], ...]:
+    """Pair scenes of one name; of two sets of a single scene each, those two.
+
+    Raises:
+        InputError: if no scene is in both sets.
+    """
+    if len(real.scenes) == len(sim.scenes) == 1:
+        return ((real.scenes[0], sim.scenes[0]),)
+    second = {scene.name: scene for scene in sim.scenes}
+    pairs = tuple((scene, second[scene.name]) for scene in real.scenes if scene.name in second)
+    if not pairs:
+        raise errors.refuse(
+            "the two capture sets",
+            "must have a scene in common",
+            f"{', '.join(s.name for s in real.scenes)} and {', '.join(second)}",
+            "Simulate the scenes of the first set.",
+        )
+    return pairs
+
+
+def _compare_scene(real: CapturedScene, sim: CapturedScene) -> dict[str, dict[str, float]]:
+    if real.info.shape != sim.info.shape:
+        raise errors.refuse(
+            f"{real.name}, real and simulated,",
+            "must have one image size",
+            f"{real.info.shape} and {sim.info.shape}",
+            "Simulate with the geometry of the captures.",
+        )
+    a, b = (
+        _Reading(scene=scene, frame=scene.frame(scene.frames[0]), truth_m=scene.truth_m())
+        for scene in (real, sim)
+    )
+    reached = _reached(a)
+    values = {
+        "ndp_rate": (_ndp_rate(a, reached), _ndp_rate(b, reached)),
+        "ndp_iou": (1.0, _ndp_iou(a, b, reached)),
+        "nmad_px": (_nmad_px(a), _nmad_px(b)),
+        "dot_contrast": (_contrast(a), _contrast(b)),
+        "mean_dn": (_mean_dn(a), _mean_dn(b)),
+    }
+    return {name: _side_by_side(*pair) for name, pair in values.items()}
+
+
+def _medians(scenes: Mapping[str, Mapping[str, Mapping[str, float]]]) -> dict[str, Any]:
+    names = next(iter(scenes.values()))
+    return {
+        name: _side_by_side(
+            *(_median([scene[name][side] for scene in scenes.values()]) for side in ("real", "sim"))
+        )
+        for name in names
+    }
+
+
+def _median(values: list[float]) -> float:
+    known = [value for value in values if math.isfinite(value)]
+    return float(np.median(known)) if known else math.nan
+
+
+def _side_by_side(real: float, sim: float) -> dict[str, float]:
+    return {"real": real, "sim": sim, "gap": sim - real}
+
+
+def _reached(reading: _Reading) -> NDArray[np.bool_]:
+    """Mask (h, w) of the pixels whose NDP count: all with a search range where truth is unknown."""
+    truth = reading.truth_px
+    return metrics.reached_pixels(np.zeros(reading.scene.info.shape) if truth is None else truth)
+
+
+def _ndp_rate(reading: _Reading, reached: NDArray[np.bool_]) -> float:
+    if reading.frame.depth_m is None or not reached.any():
+        return math.nan
+    return float(np.isnan(reading.frame.depth_m[reached]).mean())
+
+
+def _ndp_iou(a: _Reading, b: _Reading, reached: NDArray[np.bool_]) -> float:
+    if a.frame.depth_m is None or b.frame.depth_m is None:
+        return math.nan
+    return metrics.hole_overlap(a.frame.depth_m, b.frame.depth_m, reached)
+
+
+def _nmad_px(reading: _Reading) -> float:
+    found, true = reading.disparity_px, reading.truth_px
+    if found is None or true is None:
+        return math.nan
+    scored = metrics.scored_pixels(true)
+    return metrics.disparity_figures(found, true, scored).nmad_px if scored.any() else math.nan
+
+
+def _contrast(reading: _Reading) -> float:
+    if reading.frame.ir_left is None:
+        return math.nan
+    return dot_contrast(reading.frame.ir_left, reading.scene.info.black_level_dn or 0.0)
+
+
+def _mean_dn(reading: _Reading) -> float:
+    return math.nan if reading.frame.ir_left is None else float(reading.frame.ir_left.mean())

@@ -1,0 +1,160 @@
+"""The work of `starling match`: our matcher on a capture's own infrared pair, held to account."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+from starling.sim import metrics
+from starling.sim.captures import capture, writer
+from starling.sim.captures.capture import CapturedScene
+from starling.sim.console import progress
+from starling.sim.console.output import OutputFolder, refuse_own_input
+from starling.sim.sensor.post import refuse_single_frame
+from starling.sim.sensor.sensor import Sensor
+from starling.sim.stereo import depth
+from starling.sim.stereo import measurement as measurement
+
+_Map = NDArray[np.float32]  # (h, w), NaN = none.
+
+
+def match_captures(
+    captures: str,
+    sensor: Sensor,
+    *,
+    out: Path | None = None,
+    force: bool = False,
+    asked: Mapping[str, Any] | None = None,
+    tell: progress.Progress = progress.silent,
+) -> dict[str, Any]:
+    """Match the first frame of every scene and measure the outcome.
+
+    Args:
+        captures: a capture set or one scene in it, with infrared pairs.
+        sensor: with the captures' geometry; its matcher and range are used.
+        out: folder to make: our depth as a capture set. None writes nothing.
+        force: replace a folder made before.
+        asked: more arguments for the record, as they were typed: sensor, edits.
+        tell: wraps the loop over scenes.
+
+    Returns:
+        `{"scenes": {NAME: {"ours": F, "device": F, "agreement": F}}, "median": {...}}`, F as
+        `starling.sim.metrics.disparity_figures` defines it; ours and the device's against the truth,
+        agreement is ours against the device's, and it alone has `ndp_iou`. What cannot be had
+        (no truth, no device depth) is None.
+
+    Raises:
+        InputError: captures that cannot be read or have no infrared pair, or a folder that
+            cannot be written or is the captures' own.
+    """
+    refuse_single_frame(sensor.post, 1)  # Of each scene only the first frame is matched.
+    opened = capture.open_set(captures)
+    scenes = opened.scenes
+    figures: dict[str, Any] = {}
+    if out is None:
+        for scene in tell(scenes, "match"):
+            figures[scene.name] = _figures(scene, _match(scene, sensor))
+        return {"scenes": figures, "median": _medians(figures)}
+    refuse_own_input(out, opened.path)
+    with OutputFolder(out, force=force) as folder:
+        for scene in tell(scenes, "match"):
+            found = _match(scene, sensor)
+            figures[scene.name] = _figures(scene, found)
+            _write(folder, scene, found)
+        result = {"scenes": figures, "median": _medians(figures)}
+        writer.write_set(
+            folder,
+            dataclasses.replace(scenes[0].info, notes=f"depth by starling match {captures}"),
+            sensor,
+            verb="match",
+            arguments={"captures": captures, **(asked or {})},
+            figures=result,
+        )
+    return {**result, "out": str(folder.path)}
+
+
+def _match(scene: CapturedScene, sensor: Sensor) -> depth.DepthMap:
+    frame = scene.frame(scene.frames[0])
+    if frame.ir_left is None or (frame.ir_right is None and sensor.kind == "stereo"):
+        raise errors.refuse(
+            f"scene {scene.name}",
+            "must hold ir_left.png and ir_right.png",
+            scene.path,
+            "Matching needs an infrared pair.",
+        )
+    return measurement.measure(frame.ir_left, frame.ir_right, sensor, causes={})
+
+
+def _figures(scene: CapturedScene, ours: depth.DepthMap) -> dict[str, dict[str, float | None]]:
+    """Measure one scene; without truth, the device's own map says where its edges are."""
+    device = _disparity(scene, scene.frame(scene.frames[0]).depth_m)
+    truth = _disparity(scene, scene.truth_m())
+    known = device if truth is None else truth
+    holes = None if known is None else metrics.reached_pixels(known)
+    return {
+        "ours": _compare(ours.disparity_px, truth, known),
+        "device": _compare(device, truth, known),
+        "agreement": _compare(ours.disparity_px, device, known, holes_where=holes),
+    }
+
+
+def _compare(
+    found: _Map | None,
+    reference: _Map | None,
+    known: _Map | None,
+    *,
+    holes_where: NDArray[np.bool_] | None = None,
+) -> dict[str, float | None]:
+    """One F: all None where a map is missing or no pixel counts."""
+    nothing = dict.fromkeys(field.name for field in dataclasses.fields(metrics.DisparityFigures))
+    if found is None or reference is None or known is None:
+        return nothing
+    scored = metrics.scored_pixels(known)
+    if not scored.any():
+        return nothing
+    holes = None if holes_where is None else reference
+    return dataclasses.asdict(
+        metrics.disparity_figures(
+            found, reference, scored, holes_of_px=holes, holes_where=holes_where
+        )
+    )
+
+
+def _disparity(scene: CapturedScene, depth_m: _Map | None) -> _Map | None:
+    return None if depth_m is None else scene.info.disparity_px(depth_m)
+
+
+def _medians(figures: dict[str, Any]) -> dict[str, dict[str, float | None]]:
+    """Median of every figure over the scenes that have it."""
+    scenes = list(figures.values())
+    return {
+        group: {name: _median([scene[group][name] for scene in scenes]) for name in row}
+        for group, row in scenes[0].items()
+    }
+
+
+def _median(values: list[float | None]) -> float | None:
+    known = [value for value in values if value is not None and np.isfinite(value)]
+    return float(np.median(known)) if known else None
+
+
+def _write(folder: OutputFolder, scene: CapturedScene, found: depth.DepthMap) -> None:
+    """Write our depth in the captures' own unit; the infrared images stay where they are."""
+    from starling.sim.scene.captured import known_geometry as known
+
+    unit = scene.info.depth_unit_m
+    writer.write_scene(
+        folder,
+        scene.name,
+        room=scene.room,
+        truth_m=scene.truth_m(),
+        depth_unit_m=unit,
+        known=known.carried(scene, folder.path / scene.name),
+    )
+    writer.write_frame(folder, scene.name, 0, depth=found, depth_unit_m=unit)

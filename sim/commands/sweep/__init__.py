@@ -1,0 +1,1 @@
+"""Depth noise and holes against distance, by camera parameters."""

@@ -1,0 +1,191 @@
+"""What a data set is made of: scenes, sensors, poses, as a TOML file says it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from starling.patterns import errors
+from starling.sim.captures import toml_file
+from starling.sim.datasets import draw
+from starling.sim.datasets.draw import Draw, Fixed
+from starling.sim.datasets.source import Source
+from starling.sim.datasets.source import read as read_source
+from starling.sim.datasets.table import refuse_unknown, text, weight
+from starling.sim.effects import setting as setting
+from starling.sim.sensor import edits
+from starling.sim.sensor import presets as sensors
+
+Layer = Literal["infrared", "truth", "reason", "rgb", "exr"]  # Depth is always kept.
+Missing = Literal["stop", "skip"]
+
+LAYERS: tuple[Layer, ...] = get_args(Layer)
+_MOST = 10**9
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SensorPlan:
+    """A camera, and what of it is drawn for each view."""
+
+    preset: str  # Name or sensor file.
+    weight: float = 1.0
+    fields: Mapping[str, Draw] = field(default_factory=dict)  # By dotted path, as `--set` takes it.
+    effects: Mapping[str, Draw] = field(default_factory=dict)  # As `--effect` takes them.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PosePlan:
+    """How a view departs from the scene's own, in the left imager's frame."""
+
+    shift_m: tuple[Draw, Draw, Draw]
+    turn_deg: tuple[Draw, Draw, Draw]  # Rotation vector.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Plan:
+    """Everything that a set's frames follow from."""
+
+    seed: int
+    scenes: int
+    views: int = 1  # Of each scene.
+    frames: int = 1  # Repeats of each view.
+    samples: int = 0  # Paths a coarse pixel of indirect light; 0 takes none.
+    layers: tuple[Layer, ...] = ("infrared", "truth")
+    missing: Missing = "stop"  # What a scene's file that is not there does to the run.
+    sources: tuple[Source, ...]
+    sensors: tuple[SensorPlan, ...]
+    pose: PosePlan
+
+    @property
+    def count(self) -> int:
+        """Frames in all."""
+        return self.scenes * self.views * self.frames
+
+
+def read(path: Path) -> Plan:
+    """Read a plan.
+
+    Raises:
+        InputError: if it is missing or no TOML, has keys that are unknown, nearest name first, or a
+            range that no sensor can have. Paths in it start at its own folder.
+    """
+    return toml_file.read(path, lambda table: from_table(table, path.absolute().parent))
+
+
+def from_table(table: Mapping[str, Any], folder: Path) -> Plan:
+    """Build a plan from its table; paths start at a folder."""
+    known = ("seed", "scenes", "views", "frames", "samples", "layers", "missing", "source")
+    refuse_unknown(table, (*known, "sensor", "pose"), "plan")
+    numbers = {
+        name: _whole(table, name, least, default)
+        for name, least, default in (
+            ("seed", 0, None),
+            ("scenes", 1, None),
+            ("views", 1, 1),
+            ("frames", 1, 1),
+            ("samples", 0, 0),
+        )
+    }
+    missing = table.get("missing", "stop")
+    errors.one_of("missing", missing, get_args(Missing))
+    return Plan(
+        **numbers,
+        layers=_layers(table.get("layers", ["infrared", "truth"])),
+        missing=missing,
+        sources=tuple(
+            read_source(one, folder, f"source {number}")
+            for number, one in enumerate(_listed(table, "source"), 1)
+        ),
+        sensors=tuple(
+            _sensor(one, folder, f"sensor {number}")
+            for number, one in enumerate(_listed(table, "sensor"), 1)
+        ),
+        pose=_pose(table.get("pose", {})),
+    )
+
+
+def _whole(table: Mapping[str, Any], name: str, least: int, default: int | None) -> int:
+    value = table.get(name, default)
+    if value is None:
+        raise errors.refuse(name, "must be given", "nothing", "Add the key.")
+    if type(value) is not int:
+        raise errors.refuse(name, "must be a whole number", repr(value), "Leave out the point.")
+    errors.in_interval(name, value, least, 2**63 - 1 if name == "seed" else _MOST)
+    return value
+
+
+def _layers(value: Any) -> tuple[Layer, ...]:
+    if not isinstance(value, list) or not value:
+        raise errors.refuse("layers", "must list what is kept", repr(value), f"Of {LAYERS}.")
+    for one in value:
+        errors.one_of("layer", one, LAYERS)
+    return tuple(one for one in LAYERS if one in value)
+
+
+def _listed(table: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
+    many = table.get(name, [])
+    if not isinstance(many, list) or not many or not all(isinstance(one, dict) for one in many):
+        raise errors.refuse(name, "must be one table or more", repr(many), f"Write [[{name}]].")
+    return many
+
+
+def _sensor(table: Mapping[str, Any], folder: Path, name: str) -> SensorPlan:
+    refuse_unknown(table, ("preset", "weight", "set", "effects"), name)
+    preset = text(table, "preset", name, "d435")
+    if preset.endswith(".toml"):
+        preset = str(folder / preset)
+    plan = SensorPlan(
+        preset=preset,
+        weight=weight(table, name),
+        fields=_draws(table, "set", name),
+        effects=_draws(table, "effects", name),
+    )
+    _refuse_impossible(plan)
+    return plan
+
+
+def _draws(table: Mapping[str, Any], key: str, name: str) -> dict[str, Draw]:
+    inner = table.get(key, {})
+    if not isinstance(inner, Mapping):
+        raise errors.refuse(f"{name}.{key}", "must be a table", repr(inner), "Give key = value.")
+    return {path: draw.read(value, path) for path, value in inner.items()}
+
+
+def _refuse_impossible(plan: SensorPlan) -> None:
+    """Try every end of every range by itself, the others at their first."""
+    base = sensors.load(plan.preset)
+    first = {path: one.ends[0] for path, one in plan.fields.items()}
+    effects = {name: one.ends[0] for name, one in plan.effects.items()}
+    for path, one in plan.fields.items():
+        for end in one.ends:
+            edits.with_values(base, {**first, path: end}.items())
+    camera = edits.with_values(base, first.items())
+    for name, one in plan.effects.items():
+        for end in one.ends:
+            setting.on_sensor(camera, {**effects, name: end})
+
+
+def _pose(table: Any) -> PosePlan:
+    if not isinstance(table, Mapping):
+        raise errors.refuse("pose", "must be a table", repr(table), "Write [pose].")
+    refuse_unknown(table, ("shift_m", "turn_deg"), "pose")
+    return PosePlan(shift_m=_three(table, "shift_m"), turn_deg=_three(table, "turn_deg"))
+
+
+def _three(table: Mapping[str, Any], key: str) -> tuple[Draw, Draw, Draw]:
+    values = table.get(key, [0.0, 0.0, 0.0])
+    if not isinstance(values, list) or len(values) != 3:
+        raise errors.refuse(f"pose.{key}", "must be a list of 3", repr(values), "Give x, y, z.")
+    x, y, z = (
+        _number(value, f"pose.{key}.{axis}") for value, axis in zip(values, "xyz", strict=True)
+    )
+    return x, y, z
+
+
+def _number(value: Any, name: str) -> Draw:
+    found = draw.read(value, name)
+    for end in found.ends:
+        errors.in_interval(name, end, -1e3, 1e3)
+    return Fixed(value=float(found.value)) if isinstance(found, Fixed) else found

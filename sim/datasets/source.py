@@ -1,0 +1,192 @@
+"""Where a plan's scenes come from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from starling.patterns import errors
+from starling.sim.datasets import draw
+from starling.sim.datasets.draw import Draw, Fixed, Range
+from starling.sim.datasets.table import refuse_unknown, text, weight
+
+_FILES = (".ply", ".obj", ".glb", ".xml")
+_MESHES = (".ply", ".obj", ".glb")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Word:
+    """A scene that `starling.sim.scene.sources.load` takes."""
+
+    text: str
+    room: str  # Scenes of one room are no independent evidence.
+    known: bool = True  # Whether its geometry is known apart from a camera.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Heap:
+    """Meshes to be dropped onto a table."""
+
+    paths: tuple[Path, ...]
+    reflectances: tuple[float, ...]
+    seed: int
+    room: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Builtin:
+    """Scenes of one family, NAME:NUMBER."""
+
+    weight: float
+    scene: str
+    number: Draw
+
+    def chosen(self, rng: np.random.Generator) -> Word:
+        """Draw a scene."""
+        word = f"{self.scene}:{self.number.drawn(rng)}"
+        return Word(text=word, room=word.replace(":", "-"))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Files:
+    """Meshes and Mitsuba XMLs, each a scene."""
+
+    weight: float
+    paths: tuple[Path, ...]
+
+    def chosen(self, rng: np.random.Generator) -> Word:
+        """Draw a scene."""
+        path = self.paths[int(rng.integers(len(self.paths)))]
+        return Word(text=str(path), room=path.stem)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Captured:
+    """Scenes of a capture set, by their reference depth."""
+
+    weight: float
+    paths: tuple[Path, ...]
+    rooms: tuple[str, ...]
+
+    def chosen(self, rng: np.random.Generator) -> Word:
+        """Draw a scene."""
+        number = int(rng.integers(len(self.paths)))
+        return Word(text=str(self.paths[number]), room=self.rooms[number], known=False)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Dropped:
+    """Tables with some meshes of a folder on them, any of them more than once."""
+
+    weight: float
+    paths: tuple[Path, ...]
+    count: Draw
+    reflectance: Draw
+
+    def chosen(self, rng: np.random.Generator) -> Heap:
+        """Draw meshes, what they reflect, and a seed for where they lie."""
+        count = int(self.count.drawn(rng))
+        numbers = rng.integers(len(self.paths), size=count)
+        seed = int(rng.integers(2**31))
+        return Heap(
+            paths=tuple(self.paths[number] for number in numbers),
+            reflectances=tuple(float(self.reflectance.drawn(rng)) for _ in numbers),
+            seed=seed,
+            room=f"table-{seed}",
+        )
+
+
+Setting = Word | Heap
+Source = Builtin | Files | Captured | Dropped
+
+
+def read(table: Mapping[str, Any], folder: Path, name: str) -> Source:
+    """Read one source.
+
+    Args:
+        table: what the plan says.
+        folder: where its paths start.
+        name: what refusals call it.
+
+    Raises:
+        InputError: unknown kind or key, or what it names is not there.
+    """
+    kind = text(table, "kind", name, "builtin")
+    errors.one_of(f"{name}.kind", kind, _KINDS)
+    keys, build = _KINDS[kind]
+    refuse_unknown(table, ("kind", "weight", *keys), name)
+    return build(table, folder, name)
+
+
+def _builtin(table: Mapping[str, Any], folder: Path, name: str) -> Builtin:
+    from starling.sim.scene.builtin import scenes as builtin
+
+    family = text(table, "scene", name, "clutter")
+    number = draw.read(table.get("number", 0), f"{name}.number")
+    for end in number.ends:
+        builtin.refuse_number(family, end)
+    whole = builtin.BUILTIN[family][2] == 0
+    if whole and isinstance(number, Range) and not number.whole:
+        rule = "must be whole, as it is a seed"
+        raise errors.refuse(f"{name}.number", rule, "a range", "Add whole = true.")
+    return Builtin(weight=weight(table, name), scene=family, number=number)
+
+
+def _files(table: Mapping[str, Any], folder: Path, name: str) -> Files:
+    words = table.get("paths")
+    if not isinstance(words, list) or not words or not all(isinstance(one, str) for one in words):
+        raise errors.refuse(f"{name}.paths", "must list files", repr(words), "As ['a.glb'].")
+    paths = tuple(folder / word for word in words)
+    for path in paths:
+        _refuse_other(path, _FILES, f"{name}.paths")
+    return Files(weight=weight(table, name), paths=paths)
+
+
+def _captured(table: Mapping[str, Any], folder: Path, name: str) -> Captured:
+    from starling.sim.captures import capture
+
+    scenes = capture.open_set(folder / text(table, "folder", name, "captures")).scenes
+    return Captured(
+        weight=weight(table, name),
+        paths=tuple(one.path for one in scenes),
+        rooms=tuple(one.room for one in scenes),
+    )
+
+
+def _dropped(table: Mapping[str, Any], folder: Path, name: str) -> Dropped:
+    where = folder / text(table, "folder", name, "meshes")
+    paths = tuple(sorted(path for path in where.rglob("*") if path.suffix.lower() in _MESHES))
+    if not paths:
+        rule = f"must hold meshes ({', '.join(_MESHES)})"
+        raise errors.refuse(f"{name}.folder", rule, where, "Check the path.")
+    count = draw.read(table.get("count", 5), f"{name}.count")
+    reflectance = draw.read(table.get("reflectance", 0.5), f"{name}.reflectance")
+    for end in count.ends:
+        errors.in_interval(f"{name}.count", end, 1, 200)
+    for end in reflectance.ends:
+        errors.in_interval(f"{name}.reflectance", end, 0.0, 1.0)
+    if isinstance(count, Range) and not count.whole:
+        raise errors.refuse(f"{name}.count", "must be whole", "a range", "Add whole = true.")
+    if isinstance(count, Fixed) and type(count.value) is not int:
+        raise errors.refuse(f"{name}.count", "must be whole", count.value, "Round it.")
+    return Dropped(weight=weight(table, name), paths=paths, count=count, reflectance=reflectance)
+
+
+def _refuse_other(path: Path, suffixes: tuple[str, ...], name: str) -> None:
+    if path.suffix.lower() not in suffixes:
+        raise errors.refuse(name, f"must be of {', '.join(suffixes)}", path, "Convert it.")
+    if not path.is_file():
+        raise errors.refuse(name, "must be files that exist", path, "Check the path.")
+
+
+_Build = Callable[[Mapping[str, Any], Path, str], Source]
+_KINDS: dict[str, tuple[tuple[str, ...], _Build]] = {
+    "builtin": (("scene", "number"), _builtin),
+    "files": (("paths",), _files),
+    "captures": (("folder",), _captured),
+    "dropped": (("folder", "count", "reflectance"), _dropped),
+}

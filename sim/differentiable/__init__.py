@@ -1,0 +1,1 @@
+"""Derivatives of the projected light by the geometry of the rig."""

@@ -1,0 +1,1 @@
+"""Coordinate frames, pinhole cameras, poses and motion."""

@@ -1,0 +1,83 @@
+"""Frames and poses: OpenCV's axes everywhere, Mitsuba's converted here and nowhere else.
+
+OpenCV camera frame: x right, y down, z forward, integer coordinate = pixel centre. Mitsuba's
+camera looks along +z with +x to the left and +y up, and its pixel centres lie at +0.5.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+
+Pose = NDArray[np.float64]  # (4, 4) rigid transform, named `to_from`: x_to = to_from @ x_from.
+
+_MITSUBA_FROM_OPENCV = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+def rotation(rotation_deg: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Rotation matrix (3, 3) of a rotation vector [deg] (Rodrigues' formula)."""
+    vector = np.deg2rad(np.asarray(rotation_deg, np.float64))
+    angle = float(np.linalg.norm(vector))
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def pose(
+    position_m: tuple[float, float, float], rotation_deg: tuple[float, float, float] = (0, 0, 0)
+) -> Pose:
+    """Pose of a part at `position_m`, turned by `rotation_deg`: `frame_from_part` (4, 4)."""
+    frame_from_part = np.eye(4)
+    frame_from_part[:3, :3] = rotation(rotation_deg)
+    frame_from_part[:3, 3] = position_m
+    return frame_from_part
+
+
+def right_of(world_from_left: Pose, baseline_m: float) -> Pose:
+    """Pose of the right imager of a rectified pair from the left one's."""
+    return world_from_left @ pose((baseline_m, 0.0, 0.0))
+
+
+def look_at(
+    eye_m: tuple[float, float, float],
+    target_m: tuple[float, float, float],
+    up: tuple[float, float, float],
+) -> Pose:
+    """Pose `world_from_camera` of a camera at `eye_m` that looks at `target_m`.
+
+    Raises:
+        InputError: if eye and target coincide or `up` is parallel to the view.
+    """
+    forward = np.subtract(target_m, eye_m).astype(np.float64)
+    if np.linalg.norm(forward) < 1e-9:
+        raise errors.refuse("eye", "must differ from target", list(eye_m), "Move one of them.")
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, up)
+    if np.linalg.norm(right) < 1e-6:
+        raise errors.refuse("up", "must not be parallel to the view", list(up), "Turn it.")
+    right /= np.linalg.norm(right)
+    world_from_camera = np.eye(4)
+    world_from_camera[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    world_from_camera[:3, 3] = eye_m
+    return world_from_camera
+
+
+def mitsuba_to_world(world_from_camera: Pose) -> Pose:
+    """Mitsuba's `to_world` of a sensor or projector from its OpenCV pose (4, 4)."""
+    return world_from_camera @ _MITSUBA_FROM_OPENCV
+
+
+def opencv_from_mitsuba(to_world: Pose) -> Pose:
+    """OpenCV pose `world_from_camera` from Mitsuba's `to_world` (the inverse of the above)."""
+    return to_world @ _MITSUBA_FROM_OPENCV
+
+
+def principal_point_offset(
+    cx_px: float, cy_px: float, width: int, height: int
+) -> tuple[float, float]:
+    """Mitsuba's relative `principal_point_offset_x`, `_y` for OpenCV's principal point [px]."""
+    return 0.5 - (cx_px + 0.5) / width, 0.5 - (cy_px + 0.5) / height

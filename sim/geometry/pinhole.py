@@ -1,0 +1,54 @@
+"""Where an imager's pixels look: size and intrinsics of one camera."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from starling.patterns import errors
+from starling.sim.render.layers import Image
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pinhole:
+    """Size and intrinsics of one camera, or of both imagers of a rectified pair."""
+
+    width: int  # [px]
+    height: int  # [px]
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            errors.in_interval(name, getattr(self, name), 1, 16384, "Give the image size [px].")
+        for name in ("fx_px", "fy_px"):
+            errors.positive(name, getattr(self, name), "Give the focal length [px].")
+        for name in ("cx_px", "cy_px"):
+            errors.in_interval(
+                name, getattr(self, name), -1e5, 1e5, "Give the principal point [px]."
+            )
+
+    @classmethod
+    def of(cls, camera: Any) -> Pinhole:
+        """The pinhole of whatever has its fields: a sensor, captures, a colour camera."""
+        return cls(**{field.name: getattr(camera, field.name) for field in dataclasses.fields(cls)})
+
+    @property
+    def half_diagonal_px(self) -> float:
+        """Half the image's diagonal [px]: the radius at which what grows outwards is stated."""
+        return float(np.hypot(self.width, self.height)) / 2
+
+    def tangent_squared(self) -> Image:
+        """Squared tangent of each pixel's angle off the optical axis (h, w)."""
+        across = ((np.arange(self.width) - self.cx_px) / self.fx_px) ** 2
+        down = ((np.arange(self.height) - self.cy_px) / self.fy_px) ** 2
+        return across.astype(np.float32) + down.astype(np.float32)[:, None]
+
+    def angle(self) -> Image:
+        """Angle of each pixel's ray off the optical axis (h, w) [rad]."""
+        return np.arctan(np.sqrt(self.tangent_squared()))

@@ -1,0 +1,1 @@
+"""Image formation: from radiance layers to digital numbers (DN)."""

@@ -1,0 +1,84 @@
+"""The converter: charge to digital numbers (DN)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import cv2
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.sim.imaging.imager import smoothing
+from starling.sim.render.layers import Image
+from starling.sim.sensor.sensor import Imager
+
+Infrared = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readout:
+    """What a converter makes of one exposure, each (h, w), uint8 for 8 bits, else uint16."""
+
+    delivered: Infrared  # The image that is put out, of `bit_depth` bits.
+    matched: Infrared  # The codes that the matcher reads, of `matched_bits` bits.
+
+
+def converted(part: Imager, charge: Image) -> Readout:
+    """Convert charge [electrons] to DN: gain, averaging, gamma, black level, whole codes."""
+    signal = charge * np.float32(part.dn_per_electron)
+    if part.smoothing_px > 0:
+        # The device averages codes: what it cannot represent is cut before, not after.
+        np.clip(signal, *_range(part), out=signal)
+        signal = smoothing.smoothed(signal, part.smoothing_px)
+    signal = bent(signal, part.gamma, part.ceiling_dn)
+    signal += np.float32(part.black_level_dn)
+    delivered = digital(part, signal)
+    finer = part.matched_bits > part.bit_depth
+    return Readout(delivered, finest(part, signal) if finer else delivered)
+
+
+def bent(signal: Image, gamma: float, ceiling_dn: float) -> Image:
+    """Return ceiling (signal / ceiling)^(1 / gamma), odd about 0; gamma 1 is the identity.
+
+    The black level is no part of the signal, so a dark pixel reads the same at every gamma.
+    """
+    if gamma == 1:
+        return signal
+    share = np.abs(signal)
+    share *= np.float32(1 / ceiling_dn)
+    cv2.pow(share, 1 / gamma, dst=share)
+    share *= np.float32(ceiling_dn)
+    return np.copysign(share, signal, out=share)
+
+
+def _range(part: Imager) -> tuple[np.float32, np.float32]:
+    """Signals that reach code 0 and the ceiling."""
+    ends = np.array([[0, part.ceiling_dn]], np.float32) - np.float32(part.black_level_dn)
+    low, high = bent(ends, 1 / part.gamma, part.ceiling_dn)[0]
+    return low, high
+
+
+def digital(imager: Imager, level: Image) -> Infrared:
+    """Convert a level [DN] to whole codes: uint8 for 8 bits, else uint16 (h, w)."""
+    return _codes(level, imager.bit_depth)
+
+
+def finest(imager: Imager, level: Image) -> Infrared:
+    """Convert a level [DN] to codes of all the converter's bits, several to a DN; (h, w)."""
+    scale = np.float32(2 ** (imager.matched_bits - imager.bit_depth))
+    return _codes(level * scale, imager.matched_bits)
+
+
+def _codes(level: Image, bits: int) -> Infrared:
+    codes = np.empty(level.shape, np.uint8 if bits == 8 else np.uint16)
+    _round(level, np.float32(2**bits - 1), codes)
+    return cast(Infrared, codes)
+
+
+@nb.njit(nogil=True, cache=True)
+def _round(level, ceiling, codes):
+    for y in range(level.shape[0]):
+        for x in range(level.shape[1]):
+            codes[y, x] = np.int32(min(max(np.rint(level[y, x]), np.float32(0)), ceiling))

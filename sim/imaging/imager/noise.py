@@ -1,0 +1,92 @@
+"""Noise: what is drawn anew for each frame, and the fixed offsets beside it."""
+
+from __future__ import annotations
+
+import numba as nb
+import numpy as np
+
+from starling.sim import randomness
+from starling.sim.imaging.imager import smoothing
+from starling.sim.imaging.imager.fixed_pattern import Die
+from starling.sim.render.layers import Image
+from starling.sim.sensor.sensor import Imager
+
+
+def noise_e(part: Imager, electrons: Image, exposure_s: float) -> Image:
+    """Standard deviation of a pixel about the light's mean [electrons] (h, w).
+
+    Shot noise of light and dark current, read noise, dark offsets (DSNU), rows and columns, after
+    the device's averaging. The pixels' sensitivities (PRNU) go with the signal, never drown it,
+    and are left out, as is the converter's step.
+
+    Args:
+        part: the imager.
+        electrons: that the light makes (h, w).
+        exposure_s: integration time [s].
+    """
+    mean = np.maximum(electrons, 0) + np.float32(part.dark_current_e_s * exposure_s)
+    alone = part.read_noise_e**2 + part.dsnu_e**2
+    along = part.row_noise_e**2 + part.column_noise_e**2
+    kept = smoothing.kept(part.smoothing_px)
+    shot = np.float32(part.shot_noise**2 * kept * kept)
+    return np.sqrt(shot * mean + np.float32(kept * (kept * alone + along)))
+
+
+def shot_and_read(part: Imager, charge: Image, *, die: Die, seed: int, frame: int) -> Image:
+    """Add shot and read noise as one draw; without either it is the identity.
+
+    A normal deviate is bent so that the sum has the mean, variance and, nearly, the third moment
+    of a Poisson count plus a Gaussian (Cornish and Fisher's expansion to its first term): right
+    where a pixel holds a few electrons too, in a tenth of the time of a Poisson draw. Whole
+    electrons are not shown apart, which needs a read noise below 0.5 electrons to be seen.
+
+    Source: EMVA Standard 1288, release 4.0 (noise model); Abramowitz and Stegun, 26.2.49.
+    """
+    if part.shot_noise == 0 and part.read_noise_e == 0:
+        return charge
+    rng = randomness.generator(seed, frame, "imager", f"noise {die.side}")
+    draw = rng.standard_normal(charge.shape, np.float32)
+    _add_noise(charge, draw, np.float32(part.shot_noise), np.float32(part.read_noise_e))
+    return draw
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _add_noise(charge, draw, shot, read):
+    """Turn the draw, in place, into the charge with its noise."""
+    one, two, six = np.float32(1), np.float32(2), np.float32(6)  # Else numba counts in doubles.
+    variance_each, third_each = shot * shot, shot * shot * shot / six
+    least = np.float32(1e-12)  # Below any variance that counts: no division by zero.
+    for y in range(charge.shape[0]):
+        for x in range(charge.shape[1]):
+            mean = max(charge[y, x], np.float32(0))
+            variance = variance_each * mean + read * read
+            deviation = np.sqrt(variance)
+            bend = third_each * mean / max(variance * deviation, least)
+            z = draw[y, x]
+            bent = z + bend * (z * z - one)
+            draw[y, x] = charge[y, x] + deviation * bent / np.sqrt(one + two * bend * bend)
+
+
+def offsets(part: Imager, charge: Image, *, die: Die, seed: int, frame: int) -> Image:
+    """Add the offsets of pixels and columns (fixed) and of rows (each frame anew)."""
+    if part.dsnu_e == part.column_noise_e == part.row_noise_e == 0:
+        return charge
+    height, width = charge.shape
+    rows, columns = np.zeros(height, np.float32), np.zeros(width, np.float32)
+    if part.row_noise_e > 0:
+        rng = randomness.generator(seed, frame, "imager", f"row {die.side}")
+        rows = np.float32(part.row_noise_e) * rng.standard_normal(height, np.float32)
+    if part.column_noise_e > 0:
+        columns = np.float32(part.column_noise_e) * die.normal("column", (width,))
+    if part.dsnu_e == 0:
+        return np.asarray(charge + (rows[:, None] + columns), np.float32)
+    return _offset(charge, rows, columns, np.float32(part.dsnu_e), die.normal("dsnu", charge.shape))
+
+
+@nb.njit(nogil=True, cache=True)
+def _offset(charge, rows, columns, dsnu_e, pattern):
+    out = np.empty_like(charge)
+    for y in range(charge.shape[0]):
+        for x in range(charge.shape[1]):
+            out[y, x] = charge[y, x] + (rows[y] + columns[x]) + dsnu_e * pattern[y, x]
+    return out

@@ -1,0 +1,66 @@
+"""Infrared images without what is drawn by lot: what a sensor is to see in the mean."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from starling.sim import simulate
+from starling.sim.imaging.imager import Infrared
+from starling.sim.imaging.steady import steady
+from starling.sim.render.layers import Image, Layers
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor.sensor import Imager, Sensor
+from starling.sim.simulate import Side
+
+_BITS = 16  # Codes too fine to matter.
+
+
+def noiseless(layers: Layers, scene: Scene, sensor: Sensor) -> dict[Side, Image]:
+    """Take rendered layers through optics and imagers without noise, speckle and flicker.
+
+    Speckle and flicker have one draw for all scenes of a seed: what is compared with such images
+    would show it in every one.
+
+    Args:
+        layers: rendered with this sensor.
+        scene: they are of.
+        sensor: whose optics, crosstalk, averaging, gamma and range act.
+
+    Returns:
+        (h, w) by view, above the black level [DN].
+    """
+    quiet = dataclasses.replace(
+        sensor,
+        projector=steady(sensor.projector),
+        left=_quiet(sensor.left),
+        right=_quiet(sensor.right),
+    )
+    pair = simulate.infrared(layers, scene, quiet)
+    found: dict[Side, Image] = {"left": _above_black(pair.left, sensor.left)}
+    if pair.right is not None:
+        found["right"] = _above_black(pair.right, sensor.right)
+    return found
+
+
+def _quiet(imager: Imager) -> Imager:
+    ceiling_dn = 2.0**_BITS - 1
+    return dataclasses.replace(
+        imager,
+        shot_noise=0.0,
+        read_noise_e=0.0,
+        prnu=0.0,
+        dsnu_e=0.0,
+        dark_current_e_s=0.0,
+        row_noise_e=0.0,
+        column_noise_e=0.0,
+        hot_pixels=0.0,
+        bit_depth=_BITS,
+        black_level_dn=imager.black_level_dn * ceiling_dn / imager.ceiling_dn,
+    )
+
+
+def _above_black(codes: Infrared, imager: Imager) -> Image:
+    scale = np.float32(imager.ceiling_dn / (2**_BITS - 1))
+    return np.asarray(codes * scale - np.float32(imager.black_level_dn), np.float32)

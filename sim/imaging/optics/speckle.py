@@ -1,0 +1,47 @@
+"""The laser's speckle as an imager forms it: static while nothing moves, its own in each imager."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Literal
+
+from starling.sim import randomness
+from starling.sim.imaging import speckle_field
+from starling.sim.render.layers import Image
+from starling.sim.sensor.sensor import Imager, Projector
+
+
+def grained(
+    laser: Image,
+    imager: Imager,
+    projector: Projector,
+    side: Literal["left", "right"],
+    *,
+    seed: int,
+) -> Image:
+    """Multiply the laser's light by its speckle; the same image where the contrast is 0.
+
+    Args:
+        laser: (h, w) the laser's light, blurred by the lens [W m^-2 sr^-1].
+        imager: whose aperture sets the grain.
+        projector: whose laser it is.
+        side: which of the imagers: each sees grains of its own.
+        seed: of the capture; frames of one capture share the grains.
+    """
+    if projector.speckle_contrast == 0:
+        return laser
+    grain_px = speckle_field.grain_px(
+        wavelength_nm=projector.wavelength_nm,
+        f_number=imager.lens.f_number,
+        pixel_pitch_m=imager.pixel_pitch_m,
+    )
+    height, width = laser.shape
+    return laser * _field((height, width), projector.speckle_contrast, grain_px, side, seed)
+
+
+@lru_cache(maxsize=2)  # Both imagers', so that the frames of a capture need draw them once.
+def _field(shape: tuple[int, int], contrast: float, grain_px: float, side: str, seed: int) -> Image:
+    rng = randomness.generator(seed, 0, "optics", f"speckle {side}")
+    field = speckle_field.field(shape, contrast=contrast, grain_px=grain_px, rng=rng)
+    field.setflags(write=False)  # Shared by all who ask.
+    return field

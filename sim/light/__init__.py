@@ -1,1 +1,0 @@
-"""From rendered layers to the light that reaches an imager."""

@@ -1,1 +1,0 @@
-"""What a sensor is made of: plain frozen settings, nothing here computes."""

@@ -1,0 +1,57 @@
+"""A sheet of panels in rows, as the bytes of a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from starling.sim.plotting import canvas
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_GAP_IN = 0.25  # Between columns.
+_HEADING_IN = 0.36  # Above each panel.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Panel:
+    """One drawing and the room its scale bar or legend takes below it."""
+
+    draw: Callable[[Axes], None]
+    below_in: float = 0.05
+
+
+def draw(
+    rows: Sequence[Sequence[Panel]],
+    shape: tuple[int, int],
+    *,
+    panel_in: float = 6.2,
+    dpi: float = 110,
+    kind: Literal["png", "jpeg"] = "png",
+) -> bytes:
+    """Draw panels that all show images of one shape.
+
+    Args:
+        rows: from the top, each from the left.
+        shape: (h, w) that gives the panels their form.
+        panel_in: width of a panel [inch].
+        dpi: pixels an inch.
+        kind: of the picture file.
+    """
+    columns = max(map(len, rows))
+    high_in = panel_in * shape[0] / shape[1]
+    below_in = [max(panel.below_in for panel in row) for row in rows]
+    width = columns * (panel_in + _GAP_IN) + _GAP_IN
+    height = len(rows) * (_HEADING_IN + high_in) + sum(below_in) + 0.1
+    figure = canvas.empty((width, height), dpi)
+    y = height
+    for row, below in zip(rows, below_in, strict=True):
+        y -= _HEADING_IN + high_in
+        for column, panel in enumerate(row):
+            x = _GAP_IN + column * (panel_in + _GAP_IN)
+            place = (x / width, y / height, panel_in / width, high_in / height)
+            panel.draw(figure.add_axes(place))
+        y -= below
+    return canvas.encoded(figure, kind)

@@ -1,0 +1,1 @@
+"""Rendering with Mitsuba 3: from a scene to linear radiance layers."""

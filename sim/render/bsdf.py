@@ -1,0 +1,148 @@
+"""A body's material and finish as a Mitsuba BSDF."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.sim.render import backend, coat
+from starling.sim.render.coat import Reflectance
+from starling.sim.scene.scene import Body, Finish, Material
+
+Dict = dict[str, Any]
+
+
+def of(body: Body, finish: Finish) -> Dict:
+    """BSDF dict of a body; one that the finish does not touch has its material's alone.
+
+    A share of 0 is left out and a share of 1 stands alone, so both ends are exactly the materials
+    that they name. Mirrors and glass stay what they are but for the reflectance of a mirror.
+    """
+    return _opened(_twosided(_blend(body, finish)), body, finish)
+
+
+def evenly_lit(body: Body, finish: Finish) -> Dict | None:
+    """BSDF dict whose diffuse reflectance is the body's reflectance.
+
+    Mitsuba knows none of a blend or a metal, and of a coated surface that beneath the coat. None
+    where the body's own BSDF says it.
+    """
+    if not mirrors(body, finish):
+        return None
+    return _twosided({"type": "diffuse", "reflectance": _spectrum(_value(body, finish))})
+
+
+def ambient_share(body: Body, largest: float) -> Dict:
+    """BSDF dict whose diffuse reflectance is the body's share of ambient light over the largest.
+
+    Mitsuba reports no reflectance above 1.
+    """
+    share = body.ambient_share
+    value = 1 / largest if share is None else share / np.float32(largest)
+    return _twosided({"type": "diffuse", "reflectance": _spectrum(value)})
+
+
+def mirrors(body: Body, finish: Finish) -> bool:
+    """Whether a coat or metal is on a body, so that it is not matt all over."""
+    laid = changes(body, finish) and (finish.gloss > 0 or finish.metal > 0)
+    return laid or body.material.kind in ("glossy", "metal")
+
+
+def grey_bitmap(image: NDArray[np.float32]) -> Dict:
+    """Texture dict of a linear grey image; uv (0, 0) is the image's first corner."""
+    mi = backend.mitsuba()
+    channels = 1 if backend.is_jit() else 3
+    data = np.repeat(np.ascontiguousarray(image, np.float32)[..., None], channels, axis=2)
+    return {
+        "type": "bitmap",
+        "bitmap": mi.Bitmap(data),
+        "raw": True,
+        "filter_type": "bilinear",
+        "wrap_mode": "clamp",
+    }
+
+
+def changes(body: Body, finish: Finish) -> bool:
+    """Whether the finish's shares apply to a body."""
+    return finish.touches(body.name) and body.material.kind not in ("mirror", "glass")
+
+
+def _value(body: Body, finish: Finish) -> Reflectance:
+    """Reflectance: a number, or a texture."""
+    scale = finish.reflectance_scale if finish.touches(body.name) else 1.0
+    if body.texture is None or body.material.kind == "mirror":
+        return (
+            body.material.reflectance if scale == 1 else min(body.material.reflectance * scale, 1.0)
+        )
+    if scale == 1:
+        return body.texture
+    return np.minimum(body.texture * np.float32(scale), np.float32(1))
+
+
+def _blend(body: Body, finish: Finish) -> Dict:
+    value = _value(body, finish)
+    surface = _plain(body.material, value)
+    if not changes(body, finish):
+        return surface
+    surface = _share(finish.gloss, surface, _coated(value, finish.roughness))
+    return _share(finish.metal, surface, _metal(value, finish.roughness))
+
+
+def _share(share: float, below: Dict, above: Dict) -> Dict:
+    if share in (0, 1):
+        return above if share else below
+    return {"type": "blendbsdf", "weight": share, "below": below, "over": above}
+
+
+def _plain(material: Material, value: Reflectance) -> Dict:
+    """BSDF of a material, on its front alone."""
+    if material.kind == "diffuse":
+        return {"type": "diffuse", "reflectance": _spectrum(value)}
+    if material.kind == "glossy":
+        return _coated(value, material.roughness)
+    if material.kind == "metal":
+        return _metal(value, material.roughness)
+    if material.kind == "mirror":
+        return {"type": "conductor", "specular_reflectance": _spectrum(value)}
+    return {"type": "dielectric", "int_ior": material.ior, "ext_ior": 1.0}
+
+
+def _coated(value: Reflectance, roughness: float) -> Dict:
+    return {
+        "type": "roughplastic",
+        "distribution": "ggx",
+        "alpha": roughness,
+        "int_ior": coat.IOR,
+        "diffuse_reflectance": _spectrum(coat.beneath(value, roughness)),
+        "nonlinear": True,
+    }
+
+
+def _metal(value: Reflectance, roughness: float) -> Dict:
+    return {
+        "type": "principled",
+        "metallic": 1.0,
+        "base_color": _spectrum(value),
+        "roughness": roughness**0.5,  # The model squares it to alpha.
+    }
+
+
+def _twosided(bsdf: Dict) -> Dict:
+    if bsdf["type"] == "dielectric":  # It has two different sides.
+        return bsdf
+    return {"type": "twosided", "bsdf": bsdf}
+
+
+def _opened(bsdf: Dict, body: Body, finish: Finish) -> Dict:
+    """Let the finish's share of light straight through."""
+    if finish.transparency == 0 or not changes(body, finish):
+        return bsdf
+    return {"type": "mask", "opacity": 1 - finish.transparency, "bsdf": bsdf}
+
+
+def _spectrum(value: Reflectance) -> Dict:
+    if isinstance(value, np.ndarray):
+        return grey_bitmap(value)
+    return {"type": "spectrum", "value": value}

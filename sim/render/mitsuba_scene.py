@@ -1,0 +1,244 @@
+"""A scene set up in Mitsuba, ready to be lit and seen."""
+
+from __future__ import annotations
+
+import copy
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+from starling.sim.render import backend, bsdf, skylight
+from starling.sim.render.mirrors_and_glass import Specular, shape_handle
+from starling.sim.render.skylight import Skylight
+from starling.sim.scene.scene import Body, Scene
+
+
+class Stage:
+    """Mitsuba's shapes of one `Scene`; built once, rendered from any number of poses."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Set up the shapes.
+
+        Raises:
+            InputError: if the scene is not in metres, or the camera stands inside a body.
+        """
+        self.scene = scene
+        bodies = (_shape(body, bsdf.of(body, scene.finish)) for body in scene.bodies)
+        shapes = [*bodies, *scene.shapes]
+        self.shapes = shapes
+        self.mitsuba: Any = _scene(shapes)
+        self.numbers = _numbers(shapes)  # From Dr.Jit's shape handle to the body's number.
+        self._diffuse = _diffuse(scene, shapes)
+        shares = [body.ambient_share for body in scene.bodies if body.ambient_share is not None]
+        self.largest_share = max([1.0, *(float(one.max()) for one in shares)])  # Of ambient light.
+        self._shares = _shares(scene, shapes, self.largest_share)
+        self.skylight = _skylight(scene, shapes)  # None where all surfaces are matt.
+        # What turns rays or lets them pass; None where nothing does.
+        self.specular = Specular.of(shapes) if backend.is_jit() else None
+        _refuse_extent(self)
+        _refuse_inside(self)
+
+    def albedo(self, si: Any) -> Any:
+        """Reflectance of surface points, less what goes straight through them."""
+        mi, dr = backend.mitsuba(), backend.drjit()
+        surface = si.bsdf()
+        if self._diffuse:
+            table, handle = mi.BSDFPtr(self._diffuse), dr.reinterpret_array(mi.UInt32, si.shape)
+            surface = dr.gather(mi.BSDFPtr, table, handle, si.is_valid())
+        # A mirror's diffuse equivalent may exceed 1 in Mitsuba.
+        albedo = dr.minimum(surface.eval_diffuse_reflectance(si, si.is_valid())[0], 1)
+        return albedo * self.opaque(si)
+
+    def ambient_share(self, si: Any) -> Any:
+        """Ambient light at surface points over the scene's."""
+        mi, dr = backend.mitsuba(), backend.drjit()
+        if not self._shares:
+            return mi.Float(1)
+        table, handle = mi.BSDFPtr(self._shares), dr.reinterpret_array(mi.UInt32, si.shape)
+        surface = dr.gather(mi.BSDFPtr, table, handle, si.is_valid())
+        return surface.eval_diffuse_reflectance(si, si.is_valid())[0] * self.largest_share
+
+    def opaque(self, si: Any) -> Any:
+        """Share of surface points that lets no light straight through."""
+        if self.specular is None or not self.specular.has_panes:
+            return backend.mitsuba().Float(1)
+        return 1 - si.bsdf().eval_null_transmission(si, si.is_valid())[0]
+
+    @cached_property
+    def evenly_lit(self) -> Any:
+        """The Mitsuba scene whose surfaces' own albedo is `albedo`, for variants that ask it."""
+        bodies, finish = self.scene.bodies, self.scene.finish
+        return self._with([bsdf.evenly_lit(body, finish) for body in bodies])
+
+    @cached_property
+    def shared(self) -> Any:
+        """The Mitsuba scene whose albedo is the share of ambient light over the largest.
+
+        None where light is even.
+        """
+        if all(body.ambient_share is None for body in self.scene.bodies):
+            return None
+        return self._with(
+            [bsdf.ambient_share(body, self.largest_share) for body in self.scene.bodies]
+        )
+
+    def _with(self, others: list[dict[str, Any] | None]) -> Any:
+        """The Mitsuba scene with another BSDF on each body for which there is one."""
+        if not any(others):
+            return self.mitsuba
+        bodies = self.scene.bodies
+        replaced = [
+            shape if other is None else _shape(body, other)
+            for shape, body, other in zip(self.shapes, bodies, others, strict=False)
+        ]
+        return _scene([*replaced, *self.shapes[len(bodies) :]])
+
+    def of(self, scene: Scene) -> Stage:
+        """The stage of another scene; where its surfaces are the same they are shared."""
+        mine = (self.scene.bodies, self.scene.shapes, self.scene.finish)
+        if (scene.bodies, scene.shapes, scene.finish) != mine:
+            return Stage(scene)
+        other = copy.copy(self)
+        other.scene = scene
+        return other
+
+    def passed(self, ray: Any, active: Any) -> Any:
+        """Share of light that gets along rays up to their ends: 0 where something throws a shadow.
+
+        Glass and panes let light pass, and keep their share of it.
+        """
+        dr, through = backend.drjit(), self.specular
+        if through is None or not (through.has_glass or through.has_panes):
+            return dr.select(active & ~self.mitsuba.ray_test(ray, active), 1.0, 0.0)
+        return through.passed(self.mitsuba, ray, active)
+
+
+_LARGEST_M = 100.0
+_DIRECTIONS = 64
+
+
+def _refuse_extent(stage: Stage) -> None:
+    """Refuse what cannot be metres."""
+    bounds = stage.mitsuba.bbox()
+    extent = float(max(np.array(bounds.max).ravel() - np.array(bounds.min).ravel()))
+    if extent > _LARGEST_M:
+        raise errors.refuse(
+            "scene extent",
+            f"must be at most {_LARGEST_M:g} m",
+            f"{extent:g} m in {stage.scene.name}",
+            "It looks like millimetres: scale the mesh by 0.001.",
+        )
+    if extent == 0:
+        raise errors.refuse("scene extent", "must be > 0", "0 m", "Is the mesh a point?")
+
+
+def _refuse_inside(stage: Stage) -> None:
+    """Refuse a camera that sees the back of a surface in every direction."""
+    mi = backend.mitsuba()
+    eye = stage.scene.world_from_left[:3, 3]
+    turn = np.pi * (3 - np.sqrt(5)) * np.arange(_DIRECTIONS)  # A spiral of even directions.
+    height = 1 - 2 * (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
+    flat = np.sqrt(1 - height**2)
+    for x, y, z in zip(flat * np.cos(turn), flat * np.sin(turn), height, strict=True):
+        direction = mi.Vector3f(float(x), float(y), float(z))
+        hit = stage.mitsuba.ray_intersect(mi.Ray3f(mi.Point3f(*map(float, eye)), direction))
+        back = np.array(hit.is_valid()).any() and np.dot(np.array(hit.n).ravel(), (x, y, z)) > 0
+        if not back:
+            return
+    raise errors.refuse(
+        "camera",
+        "must stand outside every body",
+        f"{np.round(eye, 3).tolist()} in {stage.scene.name}",
+        "Move it, or turn the normals of a room inwards.",
+    )
+
+
+def _numbers(shapes: list[Any]) -> NDArray[np.uint32]:
+    """Table from Dr.Jit's handle of a shape to its number, 1 for the first body."""
+    if not backend.is_jit():
+        return np.arange(1, len(shapes) + 1, dtype=np.uint32)
+    handles = list(map(shape_handle, shapes))
+    table = np.zeros(max(handles) + 1, np.uint32)
+    table[handles] = np.arange(1, len(shapes) + 1)
+    return table
+
+
+def _diffuse(scene: Scene, shapes: list[Any]) -> list[Any]:
+    """BSDFs by shape handle that tell what even light is returned; empty: the shapes' own do."""
+    others = [bsdf.evenly_lit(body, scene.finish) for body in scene.bodies]
+    if not any(others) or not backend.is_jit():
+        return []
+    mi = backend.mitsuba()
+    own = [shape.bsdf() for shape in shapes]
+    for number, other in enumerate(others):
+        if other is not None:
+            own[number] = mi.load_dict(other)
+    return _by_handle(own, shapes)
+
+
+def _shares(scene: Scene, shapes: list[Any], largest: float) -> list[Any]:
+    """BSDFs by shape handle whose reflectance is the share of ambient light over the largest.
+
+    Empty: it is 1 all over.
+    """
+    bodies = scene.bodies
+    if all(body.ambient_share is None for body in bodies) or not backend.is_jit():
+        return []
+    mi = backend.mitsuba()
+    even = mi.load_dict({"type": "diffuse", "reflectance": 1 / largest})
+    own = [mi.load_dict(bsdf.ambient_share(body, largest)) for body in bodies]
+    return _by_handle([*own, *([even] * (len(shapes) - len(own)))], shapes)
+
+
+def _by_handle(surfaces: list[Any], shapes: list[Any]) -> list[Any]:
+    """A table of one BSDF a shape, by its handle."""
+    table: list[Any] = [surfaces[0]] * (max(map(shape_handle, shapes)) + 1)
+    for surface, shape in zip(surfaces, shapes, strict=True):
+        table[shape_handle(shape)] = surface
+    return table
+
+
+def _skylight(scene: Scene, shapes: list[Any]) -> Skylight | None:
+    """What shapes return of the sky; those with a BSDF of their own count as matt."""
+    if not backend.is_jit():  # There `starling.sim.render.scalar` looks tables up by itself.
+        return None
+    tables = [skylight.of(body, scene.finish) for body in scene.bodies]
+    if all(table is None for table in tables):
+        return None
+    rest = [None] * (len(shapes) - len(tables))
+    return Skylight([*tables, *rest], [shape_handle(shape) for shape in shapes])
+
+
+def _scene(shapes: list[Any]) -> Any:
+    """Mitsuba's scene of shapes, in their order."""
+    named = {f"body_{number:04d}": shape for number, shape in enumerate(shapes)}
+    return backend.mitsuba().load_dict({"type": "scene", **named})
+
+
+def _shape(body: Body, surface: dict[str, Any]) -> Any:
+    """Make one Mitsuba mesh with a BSDF."""
+    mi = backend.mitsuba()
+    mesh = body.mesh
+    props = mi.Properties()
+    props["bsdf"] = mi.load_dict(surface)
+    props["face_normals"] = mesh.normals is None
+    shape = mi.Mesh(
+        body.name,
+        vertex_count=len(mesh.vertices),
+        face_count=len(mesh.faces),
+        has_vertex_normals=mesh.normals is not None,
+        has_vertex_texcoords=mesh.uv is not None,
+        props=props,
+    )
+    params = mi.traverse(shape)
+    params["vertex_positions"] = np.ascontiguousarray(mesh.vertices, np.float32).ravel()
+    params["faces"] = np.ascontiguousarray(mesh.faces, np.uint32).ravel()
+    if mesh.normals is not None:
+        params["vertex_normals"] = np.ascontiguousarray(mesh.normals, np.float32).ravel()
+    if mesh.uv is not None:
+        params["vertex_texcoords"] = np.ascontiguousarray(mesh.uv, np.float32).ravel()
+    params.update()
+    return shape

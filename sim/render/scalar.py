@@ -1,0 +1,198 @@
+"""The layers of `starling.sim.render.direct` made with Mitsuba's own integrators, for want of a compiler.
+
+Slow, and a second opinion: where both run, they agree (a test holds them together). Shadows are
+cast from the surface, so a noisy surface may shadow itself here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.sim.geometry import frames
+from starling.sim.geometry.frames import Pose
+from starling.sim.render import backend, emission, plugin_scene, skylight
+from starling.sim.render.layers import Layers, Mask, Truth, View
+from starling.sim.render.mitsuba_scene import Stage
+from starling.sim.scene.scene import Scene
+from starling.sim.sensor.sensor import Projector, Sensor
+
+_AOVS = "p:position,n:sh_normal,a:albedo,i:shape_index"
+
+
+def layers(stage: Stage, sensor: Sensor, *, subpixels: int) -> Layers:
+    """As `starling.sim.render.direct.layers`, in any variant.
+
+    Raises:
+        BackendError: if the scene has light or surfaces that need rays of its own.
+    """
+    _refuse_own_rays(stage.scene, sensor)
+    left = stage.scene.world_from_left
+    right = frames.right_of(left, sensor.baseline_m)
+    lit = _lit(stage, sensor)
+    seen_left, seen_right = (_Seen(stage, sensor, pose) for pose in (left, right))
+    return Layers(
+        left=_view(stage, sensor, lit, left, seen_left, subpixels),
+        right=None
+        if sensor.kind == "structured_light"
+        else _view(stage, sensor, lit, right, seen_right, subpixels),
+        truth=_truth(stage, sensor, seen_left),
+    )
+
+
+def view(stage: Stage, sensor: Sensor, *, subpixels: int) -> View:
+    """As `starling.sim.render.direct.view`, in any variant."""
+    _refuse_own_rays(stage.scene, sensor)
+    left = stage.scene.world_from_left
+    lit = _lit(stage, sensor)
+    return _view(stage, sensor, lit, left, _Seen(stage, sensor, left), subpixels)
+
+
+def _refuse_own_rays(scene: Scene, sensor: Sensor) -> None:
+    """Refuse what Mitsuba's direct integrator leaves out, or the albedo it reports does not say."""
+    kinds = {body.material.kind for body in scene.bodies}
+    finish = scene.finish
+    needs = {
+        "material mirror": "mirror" in kinds,
+        "material glass": "glass" in kinds,
+        "scene.finish.transparency": finish.transparency > 0,
+        "scene.finish.gloss": 0 < finish.gloss < 1,
+        "scene.finish.metal": 0 < finish.metal < 1,
+        "scene.sun.irradiance_w_m2": scene.sun.irradiance_w_m2 > 0,
+        "scene.other_projector.power_w": scene.other_projector.power_w > 0,
+        "projector.defocus_mrad_m": sensor.projector.defocus_mrad_m > 0,
+        "projector.pattern_scale other than 1": sensor.projector.pattern_scale != 1,
+    }
+    named = next((name for name, needed in needs.items() if needed), None)
+    if named:
+        raise backend.BackendError(
+            f"{named} must be absent in scalar_rgb; got it in {scene.name}. "
+            "Install libllvm19 or set DRJIT_LIBLLVM_PATH for the compiled variant."
+        )
+
+
+class _Seen:
+    """What the pixel centres of one imager see, each (h, w) or (h, w, 3)."""
+
+    def __init__(self, stage: Stage, sensor: Sensor, world_from_camera: Pose) -> None:
+        mi = backend.mitsuba()
+        camera = plugin_scene.camera(sensor, world_from_camera, sampler=plugin_scene.fixed(1))
+        integrator = mi.load_dict({"type": "aov", "aovs": _AOVS})
+        image = np.array(mi.render(stage.evenly_lit, sensor=camera, integrator=integrator, spp=1))
+        self.point, normal = image[..., 0:3].astype(np.float64), image[..., 3:6]
+        self.albedo = np.minimum(image[..., 6], 1)
+        self.hit = np.linalg.norm(normal, axis=-1) > 0.5
+        self.body = np.where(self.hit, np.rint(image[..., -1]), 0).astype(np.uint32)
+        self.share = np.ones_like(self.albedo)  # Of ambient light.
+        if stage.shared is not None:
+            lit = np.array(mi.render(stage.shared, sensor=camera, integrator=integrator, spp=1))
+            told = self.body <= len(stage.scene.bodies)  # Shapes beside the bodies have none.
+            self.share = np.where(told, lit[..., 6] * stage.largest_share, self.share)
+        away = self.point - world_from_camera[:3, 3]
+        facing = np.einsum("ijk,ijk->ij", normal, away) > 0
+        self.normal = np.where(facing[..., None], -normal, normal)
+        viewer = -away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
+        self.cosine = np.einsum("ijk,ijk->ij", self.normal, viewer)
+        across = (
+            self.normal * self.cosine[..., None] - viewer
+        )  # As in `starling.sim.render.lights`.
+        self.across = across / np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-6)
+
+
+def _lit(stage: Stage, sensor: Sensor) -> list[Any]:
+    """A scene for each emitter: of several in one scene Mitsuba's integrator draws at random."""
+    part = sensor.projector
+    return [
+        plugin_scene.lit(stage, sensor, emission.irradiance_at_unit_distance(part, number), number)
+        for number in range(len(emission.emitters(part)))
+    ]
+
+
+def _view(
+    stage: Stage, sensor: Sensor, lit: list[Any], pose: Pose, seen: _Seen, subpixels: int
+) -> View:
+    mi = backend.mitsuba()
+    integrator = plugin_scene.direct()
+    camera = plugin_scene.camera(sensor, pose, sampler=plugin_scene.fixed(subpixels))
+    images = [
+        np.array(mi.render(scene, sensor=camera, integrator=integrator, spp=subpixels**2))
+        for scene in lit
+    ]
+    direct = np.sum([image[..., 0] for image in images], axis=0)
+    return View(
+        projector_direct=np.ascontiguousarray(direct, np.float32),
+        projector_indirect=np.zeros(direct.shape, np.float32),
+        ambient=_ambient(stage, seen),
+        other=np.zeros(direct.shape, np.float32),
+        depth_m=np.where(seen.hit, _local(seen.point, pose)[..., 2], np.nan).astype(np.float32),
+        body=seen.body,
+    )
+
+
+def _ambient(stage: Stage, seen: _Seen) -> NDArray[np.float32]:
+    """Radiance returned of ambient light of 1 W m^-2, as `starling.sim.render.lights` has it."""
+    scene = stage.scene
+    even, along, across = seen.albedo, skylight.MATT_TILT * seen.albedo, np.zeros_like(seen.albedo)
+    for number, body in enumerate(scene.bodies, 1):
+        table, there = skylight.of(body, scene.finish), seen.body == number
+        if table is not None:
+            found = skylight.looked_up(table, seen.cosine[there], seen.albedo[there])
+            even[there], along[there], across[there] = found
+    way = seen.normal * along[..., None] + seen.across * across[..., None]
+    share = even + way @ np.asarray(scene.ambient.up) * scene.ambient.gradient
+    lit = np.maximum(share, 0) * seen.share / np.pi
+    return np.where(seen.hit, lit, 0).astype(np.float32)
+
+
+def _truth(stage: Stage, sensor: Sensor, seen: _Seen) -> Truth:
+    left = stage.scene.world_from_left
+    local_left = _local(seen.point, left)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        column = sensor.fx_px * (local_left[..., 0] - sensor.baseline_m) / local_left[..., 2]
+    column = column + sensor.cx_px
+    in_image = (column >= -0.5) & (column <= sensor.width - 0.5)
+    right_eye = frames.right_of(left, sensor.baseline_m)[:3, 3]
+    missing = np.float32(np.nan)
+    normal = (seen.normal @ left[:3, :3]).astype(np.float32)
+    return Truth(
+        depth_m=np.where(seen.hit, local_left[..., 2], missing).astype(np.float32),
+        normal=np.where(seen.hit[..., None], normal, missing),
+        material=seen.body,
+        right_sees=_clear(stage, right_eye, seen.point, seen.hit & in_image),
+        lit=_reached(stage, sensor.projector, left, seen),
+    )
+
+
+def _reached(stage: Stage, part: Projector, left: Pose, seen: _Seen) -> Mask:
+    """Whether the light of any emitter gets to what the imager sees."""
+    reached = np.zeros(seen.hit.shape, bool)
+    for one in emission.emitters(part):
+        light = left @ frames.pose(part.position_m, part.rotation_deg)
+        light = light @ frames.pose(one.offset_m, one.rotation_deg)
+        local = _local(seen.point, light)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = np.abs(local[..., :2] / local[..., 2:])
+        in_field = (slope <= emission.half_tangents(part)).all(axis=-1) & (local[..., 2] > 0)
+        reached |= _clear(stage, light[:3, 3], seen.point, seen.hit & in_field & ~reached)
+    return reached
+
+
+def _local(point: NDArray[np.float64], world_from_part: Pose) -> NDArray[np.float64]:
+    return (point - world_from_part[:3, 3]) @ world_from_part[:3, :3]
+
+
+def _clear(stage: Stage, origin: NDArray, point: NDArray[np.float64], active: Mask) -> Mask:
+    """Whether the way from the origin is free, up to the scene's tolerance, ray by ray."""
+    mi = backend.mitsuba()
+    free = np.zeros(active.shape, bool)
+    start = mi.ScalarPoint3f(origin)
+    share = 1 - stage.scene.shadow_tolerance
+    for row, column in np.argwhere(active):
+        way = point[row, column] - origin
+        distance = float(np.linalg.norm(way))
+        ray = mi.Ray3f(start, mi.ScalarVector3f(way / distance))
+        ray.maxt = distance * share
+        free[row, column] = not stage.mitsuba.ray_test(ray)
+    return free

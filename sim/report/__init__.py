@@ -1,0 +1,1 @@
+"""HTML elements that all reports share."""

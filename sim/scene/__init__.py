@@ -1,0 +1,1 @@
+"""Scenes: bodies, materials, spectra, and the files they are loaded from."""

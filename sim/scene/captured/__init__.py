@@ -1,0 +1,1 @@
+"""Real captures as scenes: surface, reflectance and light estimated from them."""

@@ -1,0 +1,206 @@
+"""A scene: bodies with near-infrared materials, ambient light, and where the camera stands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+from starling.sim.geometry.frames import Pose
+from starling.sim.sensor.projector import Projector
+
+Kind = Literal["diffuse", "glossy", "metal", "mirror", "glass"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Material:
+    """How a surface returns light at the laser's wavelength."""
+
+    name: str
+    kind: Kind = "diffuse"
+    reflectance: float = 0.5  # Diffuse share (of a metal: at normal incidence), in [0, 1].
+    roughness: float = 0.1  # Microfacet slope (GGX alpha) of glossy and metal.
+    ior: float = 1.5  # Refractive index of glass.
+    rgb: tuple[float, float, float] | None = None  # Visible reflectance, linear; None is grey.
+
+    def __post_init__(self) -> None:
+        errors.one_of(f"kind of {self.name}", self.kind, get_args(Kind))
+        errors.in_interval(f"reflectance of {self.name}", self.reflectance, 0.0, 1.0)
+        errors.in_interval(f"roughness of {self.name}", self.roughness, 0.01, 1.0)
+        errors.in_interval(f"ior of {self.name}", self.ior, 1.0, 3.0)
+        for value in self.rgb or ():
+            errors.in_interval(f"rgb of {self.name}", value, 0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Mesh:
+    """Triangles in the world frame [m]."""
+
+    vertices: NDArray[np.float32]  # (n, 3)
+    faces: NDArray[np.uint32]  # (m, 3), counter-clockwise seen from outside
+    normals: NDArray[np.float32] | None = None  # (n, 3); None shades each face flat.
+    uv: NDArray[np.float32] | None = None  # (n, 2) into the body's texture
+
+    def __post_init__(self) -> None:
+        for name, array in (("vertices", self.vertices), ("faces", self.faces)):
+            if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
+                raise errors.refuse(
+                    f"mesh {name}", "must be (n, 3) with n > 0", array.shape, "Is the mesh empty?"
+                )
+        if not np.isfinite(self.vertices).all():
+            raise errors.refuse("mesh vertices", "must be finite", "NaN", "Repair the mesh.")
+        if int(self.faces.max()) >= len(self.vertices):
+            raise errors.refuse(
+                "mesh faces", "must index its vertices", int(self.faces.max()), "Repair the mesh."
+            )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Body:
+    """One thing of the scene."""
+
+    name: str
+    mesh: Mesh
+    material: Material
+    texture: NDArray[np.float32] | None = None  # (h, w) reflectance that replaces the material's
+    # (h, w) ambient light over the scene's, as shadows and near lamps make it; None: 1 all over.
+    ambient_share: NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ambient:
+    """Light that is not the projector's: an unoccluded sky of radiance L0 (1 + g w . up).
+
+    A diffuse surface of normal n receives pi L0 (1 + 2/3 g n . up) in closed form, so this
+    layer has no Monte-Carlo noise. Its power is counted at the laser's wavelength.
+    """
+
+    irradiance_w_m2: float = 0.1  # pi L0, in the band that the imager passes [W m^-2].
+    gradient: float = 0.5  # g: 0 is the same from everywhere, 1 is dark from below.
+    up: tuple[float, float, float] = (0.0, -1.0, 0.0)  # Unit, world frame.
+
+    def __post_init__(self) -> None:
+        errors.in_interval("ambient.irradiance_w_m2", self.irradiance_w_m2, 0.0, 2e3)
+        errors.in_interval("ambient.gradient", self.gradient, 0.0, 1.0)
+        length = float(np.linalg.norm(self.up))
+        errors.in_interval("length of ambient.up", length, 0.999, 1.001, "Give a unit vector.")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Sun:
+    """Light from one direction, with sharp shadows: the real one's half degree is left out."""
+
+    irradiance_w_m2: float = 0.0  # On a surface that faces it, counted as ambient light is.
+    towards: tuple[float, float, float] = (0.3, -0.9, -0.3)  # World frame, any length.
+
+    def __post_init__(self) -> None:
+        errors.in_interval("sun.irradiance_w_m2", self.irradiance_w_m2, 0.0, 2e3)
+        length = float(np.linalg.norm(self.towards))
+        errors.in_interval("length of sun.towards", length, 1e-3, 1e3, "Give a direction.")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Finish:
+    """How surfaces differ from what their materials say; the defaults change nothing.
+
+    It acts on bodies of every kind but glass; of mirrors it moves the reflectance alone. Shapes
+    that come with their own BSDF (`Scene.shapes`) keep it.
+    """
+
+    of: str = "*"  # Which bodies, by name; `*` and `?` stand for any letters.
+    reflectance_scale: float = 1.0  # Near-infrared reflectance over the material's (at most 1).
+    gloss: float = 0.0  # Share of the surface that has a clear coat.
+    metal: float = 0.0  # Share of the surface that is bare metal.
+    roughness: float = 0.1  # Microfacet slope (GGX alpha) of coat and metal.
+    transparency: float = 0.0  # Share of light that goes straight through, as through a thin pane.
+    subsurface_m: float = 0.0  # Sigma over which light spreads inside before it returns [m].
+
+    def __post_init__(self) -> None:
+        errors.in_interval("finish.reflectance_scale", self.reflectance_scale, 0.0, 20.0)
+        for name in ("gloss", "metal", "transparency"):
+            errors.in_interval(f"finish.{name}", getattr(self, name), 0.0, 1.0)
+        errors.in_interval("finish.roughness", self.roughness, 0.01, 1.0)
+        errors.in_interval("finish.subsurface_m", self.subsurface_m, 0.0, 0.05, "Give metres.")
+        if not self.of:
+            raise errors.refuse(
+                "finish.of", "must name bodies", "''", "Give a name, or * for all of them."
+            )
+
+    def touches(self, name: str) -> bool:
+        """Whether it acts on the body of this name."""
+        return fnmatchcase(name, self.of)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Motion:
+    """Steady motion of the sensor during an exposure, in the left imager's frame.
+
+    The frame is that of the middle of the exposure; the rig turns about the left imager.
+    """
+
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turn_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Rotation vector a second.
+
+    def __post_init__(self) -> None:
+        for value in self.velocity_m_s:
+            errors.in_interval("motion.velocity_m_s", value, -50.0, 50.0)
+        for value in self.turn_deg_s:
+            errors.in_interval("motion.turn_deg_s", value, -1000.0, 1000.0)
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing moves."""
+        return not any((*self.velocity_m_s, *self.turn_deg_s))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ModelError:
+    """How far the scene stands from where, and how large, its model says.
+
+    A point p of the model, in the left imager's frame, truly stands at s R p + t.
+    """
+
+    scale: float = 1.0  # About the left imager.
+    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Of the scene, left frame.
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Of the scene about the left imager.
+
+    def __post_init__(self) -> None:
+        errors.in_interval("model_error.scale", self.scale, 0.5, 2.0)
+        for value in self.shift_m:
+            errors.in_interval("model_error.shift_m", value, -1.0, 1.0, "Give metres.")
+        for value in self.turn_deg:
+            errors.in_interval("model_error.turn_deg", value, -45.0, 45.0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Scene:
+    """Everything a sensor looks at; the world frame is free, lengths are metres."""
+
+    name: str
+    bodies: tuple[Body, ...] = ()
+    shapes: tuple[Any, ...] = ()  # Mitsuba shapes, loaded, that are there beside the bodies.
+    ambient: Ambient = field(default_factory=Ambient)
+    sun: Sun = field(default_factory=Sun)
+    # Another device's projector, posed in the left imager's frame: beside this device, as two
+    # cannot be in one place.
+    other_projector: Projector = field(
+        default_factory=lambda: Projector(power_w=0.0, position_m=(0.2, 0.0, 0.0))
+    )
+    finish: Finish = field(default_factory=Finish)
+    interreflection: float = 0.0  # Strength of light of two bounces and more: 1 is physical.
+    motion: Motion = field(default_factory=Motion)
+    model_error: ModelError = field(default_factory=ModelError)
+    world_from_left: Pose = field(default_factory=lambda: np.eye(4))
+    # A ray from the projector counts as arrived when it ends this share of its length short:
+    # surfaces measured with noise would otherwise shadow themselves.
+    shadow_tolerance: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if not self.bodies and not self.shapes:
+            raise errors.refuse("scene", "must hold at least one body", self.name, "Add a body.")
+        errors.in_interval("scene.interreflection", self.interreflection, 0.0, 1.0)
+        errors.in_interval("scene.shadow_tolerance", self.shadow_tolerance, 1e-5, 0.1)

@@ -1,0 +1,132 @@
+"""What `scene.toml` says of a captured scene: geometry and pose known apart from the camera.
+
+Reference depth is measured through a camera's own focal length; a mesh, or a builtin scene, seen
+from a known pose is not. Example of a file:
+
+    scene = "table.ply"
+    left_from_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.8], [0, 0, 0, 1]]
+
+    [[materials]]
+    body = "ball*"
+    reflectance = 0.3
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from starling.patterns import errors
+from starling.sim.captures import toml_file
+from starling.sim.geometry.frames import Pose
+from starling.sim.sensor import structure
+
+FILE = "scene.toml"
+
+_Row = tuple[float, float, float, float]
+Rows = tuple[_Row, _Row, _Row, _Row]  # A 4x4 matrix, row by row.
+
+_ROUNDING = 1e-6  # By which the rows of a rotation may miss being orthonormal.
+_FARTHEST_M = 1e7  # World coordinates of maps stay below.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class KnownMaterial:
+    """Near-infrared reflectance of some bodies, where it is known."""
+
+    body: str  # Which, by name; `*` and `?` stand for any letters.
+    reflectance: float  # In [0, 1], as `starling.sim.scene.scene.Material` means it.
+
+    def __post_init__(self) -> None:
+        if not self.body:
+            raise errors.refuse(
+                "materials.body", "must name bodies", "''", "Give a name, or * for all of them."
+            )
+        errors.in_interval(f"reflectance of {self.body}", self.reflectance, 0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SceneFile:
+    """Which geometry stands before the camera, and where the camera stands."""
+
+    scene: str  # A builtin name, a mesh or a Mitsuba XML; paths start at the scene's folder.
+    left_from_world: Rows  # Rigid, metres; world is the frame of the geometry.
+    materials: tuple[KnownMaterial, ...] = ()  # Of several for one body, the last holds.
+
+    def __post_init__(self) -> None:
+        if not self.scene.strip() or "\0" in self.scene:
+            raise errors.refuse(
+                "scene", "must name a scene", repr(self.scene), "Give a builtin name or a file."
+            )
+        _check_rigid(np.array(self.left_from_world, np.float64))
+
+    @property
+    def world_from_left(self) -> Pose:
+        """Pose of the left imager in the world, (4, 4)."""
+        return np.asarray(np.linalg.inv(self.left_from_world), np.float64)
+
+
+def read(path: Path) -> SceneFile:
+    """Read `scene.toml`.
+
+    Raises:
+        InputError: if it is missing or no TOML, lacks a key, has an unknown one, or holds a value
+            that cannot be: a pose that is not rigid, a reflectance outside [0, 1].
+    """
+    return toml_file.read(path, _from_table)
+
+
+def dumps(file: SceneFile) -> str:
+    """Write it as TOML text that `read` reads back equal."""
+    table = structure.to_table(file)
+    materials = [structure.to_table(material) for material in file.materials]
+    if not materials:
+        del table["materials"]
+    return tomli_w.dumps({**table, **({"materials": materials} if materials else {})})
+
+
+def _from_table(table: Mapping[str, Any]) -> SceneFile:
+    listed = table.get("materials", [])
+    if not isinstance(listed, list):
+        raise errors.refuse(
+            "materials", "must be a list of tables", repr(listed), "Head each with [[materials]]."
+        )
+    materials = tuple(
+        structure.from_table(KnownMaterial, item, f"materials[{number}]")
+        for number, item in enumerate(listed)
+    )
+    rest = {key: value for key, value in table.items() if key != "materials"}
+    return dataclasses.replace(structure.from_table(SceneFile, rest), materials=materials)
+
+
+def _check_rigid(pose: Pose) -> None:
+    """Refuse what is no rotation and shift: `[R t; 0 0 0 1]`, R orthonormal, determinant +1."""
+    rotation = pose[:3, :3]
+    # No entry of a rotation exceeds 1; larger ones, whose squares may overflow, go no further.
+    bounded = bool(np.abs(rotation).max() <= 1 + _ROUNDING)
+    if not bounded or np.abs(rotation @ rotation.T - np.eye(3)).max() > _ROUNDING:
+        raise errors.refuse(
+            "left_from_world",
+            f"must be rigid, its rotation orthonormal to {_ROUNDING:g}",
+            pose.tolist(),
+            "Give all digits, and metres as unit.",
+        )
+    if np.linalg.det(rotation) < 0:
+        raise errors.refuse(
+            "left_from_world",
+            "must turn, not mirror",
+            pose.tolist(),
+            "x is right, y down and z forward.",
+        )
+    for value in pose[:3, 3].tolist():
+        errors.in_interval("shift of left_from_world", value, -_FARTHEST_M, _FARTHEST_M)
+    if pose[3].tolist() != [0, 0, 0, 1]:
+        raise errors.refuse(
+            "last row of left_from_world", "must be 0 0 0 1", pose[3].tolist(), "Is it transposed?"
+        )

@@ -1,0 +1,148 @@
+"""What an imager makes of a light: its electrons, as the laser's irradiance that gives as many.
+
+A scene's ambient light is one number, counted at the laser's wavelength. Here it is had from a
+light's spectrum E by
+
+    E_0 = integral of E(l) T(l) Q(l) l dl / (Q(l_0) l_0)
+
+with the filter's transmission T over its peak, silicon's quantum efficiency Q and the laser's line
+l_0: photons are counted, so each watt weighs with its wavelength (EMVA Standard 1288, release 4.0,
+eq. 2). What a laser off the filter's centre loses is the optics' own (`laser_transmission`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from starling.patterns import errors
+from starling.sim.scene.spectra import bandpass, illuminants, silicon, wavelength
+from starling.sim.scene.spectra.wavelength import GRID_NM, Spectrum, integral
+
+if TYPE_CHECKING:
+    from starling.sim.sensor.sensor import Imager, Projector
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Band:
+    """Which wavelengths an imager sees. The lens itself passes 380 to 1100 nm evenly."""
+
+    wavelength_nm: float = 850.0  # The laser's line.
+    filter_centre_nm: float = 850.0  # Centre of the band-pass on the axis.
+    filter_width_nm: float = 0.0  # Its full width at half maximum; 0 is no filter.
+    epitaxy_um: float = silicon.PLAIN_UM  # Depth of silicon that collects; infinite is ideal.
+
+    def __post_init__(self) -> None:
+        wavelength.in_silicon("band.wavelength_nm", self.wavelength_nm)
+        bandpass.check(self.filter_centre_nm, self.filter_width_nm, 2.0)
+        if self.epitaxy_um != float("inf"):
+            errors.positive("band.epitaxy_um", self.epitaxy_um, "Give micrometres.")
+        at_laser = self._transmission(np.array([self.wavelength_nm]))[0]
+        if at_laser < 1e-3:
+            raise errors.refuse(
+                "band.filter_centre_nm",
+                f"must let the laser's {self.wavelength_nm:g} nm pass",
+                f"{self.filter_centre_nm:g} nm, {self.filter_width_nm:g} nm wide",
+                "Centre the filter on the laser or widen it.",
+            )
+
+    @classmethod
+    def of(cls, imager: Imager, projector: Projector) -> Band:
+        """The band of an imager whose quantum efficiency at the laser's line is known.
+
+        The depth of its silicon is the one that has this efficiency.
+        """
+        return cls(
+            wavelength_nm=projector.wavelength_nm,
+            filter_centre_nm=imager.lens.filter_centre_nm,
+            filter_width_nm=imager.lens.filter_width_nm,
+            epitaxy_um=silicon.depth_um(imager.quantum_efficiency, projector.wavelength_nm),
+        )
+
+    def _transmission(self, wavelength_nm: Spectrum) -> Spectrum:
+        return bandpass.transmission(
+            wavelength_nm, centre_nm=self.filter_centre_nm, width_nm=self.filter_width_nm
+        )
+
+    def _per_watt(self, wavelength_nm: Spectrum) -> Spectrum:
+        return silicon.absorbed(wavelength_nm, self.epitaxy_um) * wavelength_nm
+
+    @property
+    def response(self) -> Spectrum:
+        """Electrons a watt on `GRID_NM` (1441,), over those at the laser's line unfiltered."""
+        unfiltered = self._per_watt(GRID_NM) / self._per_watt(np.array([self.wavelength_nm]))
+        return self._transmission(GRID_NM) * unfiltered
+
+
+def in_band_irradiance(spectrum: Spectrum, band: Band) -> float:
+    """Irradiance at the laser's line that gives as many electrons as a spectrum [W m^-2].
+
+    Args:
+        spectrum: E on `starling.sim.scene.spectra.wavelength.GRID_NM` (1441,) [W m^-2 nm^-1].
+        band: what the imager sees.
+
+    Raises:
+        InputError: if the spectrum is not on the grid, or negative or NaN anywhere.
+    """
+    if spectrum.shape != GRID_NM.shape or not (spectrum >= 0).all():
+        raise errors.refuse(
+            "spectrum",
+            f"must be {GRID_NM.shape} numbers >= 0",
+            f"{spectrum.shape}, least {spectrum.min() if spectrum.size else 'none'}",
+            "Interpolate it to starling.sim.scene.spectra.wavelength.GRID_NM.",
+        )
+    return integral(spectrum * band.response)
+
+
+def ambient_w_m2(light: str, *, illuminance_lx: float, band: Band) -> float:
+    """Ambient irradiance, counted at the laser's line, of a light of so many lux [W m^-2].
+
+    Args:
+        light: `sun`, `incandescent`, `led` or `fluorescent`.
+        illuminance_lx: on the surface [lx].
+        band: what the imager sees.
+
+    Raises:
+        InputError: if the light is unknown or the illuminance out of range.
+
+    Example:
+        >>> filtered = Band(filter_width_nm=50.0)
+        >>> round(ambient_w_m2("sun", illuminance_lx=50e3, band=filtered))
+        23
+    """
+    return in_band_irradiance(illuminants.irradiance(light, illuminance_lx), band)
+
+
+def wall_electrons(
+    imager: Imager,
+    irradiance_w_m2: float,
+    *,
+    reflectance: float,
+    wavelength_nm: float,
+    exposure_s: float | None = None,
+) -> float:
+    """Electrons in a pixel that sees a matt wall, in the middle of the image.
+
+    Args:
+        imager: lens and electronics.
+        irradiance_w_m2: on the wall, counted at the laser's line [W m^-2].
+        reflectance: of the wall there.
+        wavelength_nm: the laser's line [nm].
+        exposure_s: integration time; the imager's own where left out [s].
+
+    Returns:
+        Mean electrons; radiance is reflectance times irradiance over pi (Lambert).
+
+    Raises:
+        InputError: if the irradiance is negative, or reflectance or wavelength cannot be.
+    """
+    from starling.sim.imaging.imager import electrons_per_radiance
+
+    errors.in_interval("irradiance_w_m2", irradiance_w_m2, 0.0, 1e6, "Give W m^-2.")
+    errors.in_interval("reflectance", reflectance, 0.0, 1.0, "Give a share, not percent.")
+    wavelength.in_silicon("laser wavelength", wavelength_nm)
+    time_s = imager.exposure_s if exposure_s is None else exposure_s
+    radiance = reflectance * irradiance_w_m2 / np.pi
+    return float(radiance * electrons_per_radiance(imager, wavelength_nm, time_s))

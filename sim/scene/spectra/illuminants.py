@@ -1,0 +1,123 @@
+"""Ambient lights as spectra: the sun, incandescent, LED and fluorescent lamps, scaled by lux."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+
+from starling.patterns import errors
+from starling.sim.scene.spectra.wavelength import GRID_NM, Spectrum, integral
+
+LUMENS_PER_WATT = 683.0  # K_m at 555 nm (CIE; SI Brochure, 9th ed., 683.002).
+
+_SUN_NM = np.arange(380.0, 1101.0, 5.0)
+# fmt: off
+# Global irradiance on a surface tilted by 37 deg at air mass 1.5 [W m^-2 nm^-1], means over 5 nm
+# from 380 on. Source: ASTM G173-03 (SMARTS 2.9.2), 1000.4 W m^-2 in all.
+_SUN = np.array([
+    0.724, 0.583, 0.748, 0.609, 1.074, 1.146, 1.168, 1.22, 1.212, 1.214, 1.051, 1.272, 1.306,
+    1.423, 1.544, 1.531, 1.561, 1.553, 1.554, 1.577, 1.613, 1.492, 1.532, 1.587, 1.531, 1.551,
+    1.568, 1.476, 1.486, 1.512, 1.574, 1.532, 1.511, 1.545, 1.541, 1.538, 1.5, 1.506, 1.486,
+    1.494, 1.497, 1.528, 1.412, 1.457, 1.459, 1.483, 1.474, 1.441, 1.463, 1.413, 1.393, 1.438,
+    1.448, 1.435, 1.389, 1.327, 1.386, 1.407, 1.418, 1.405, 1.397, 1.293, 1.183, 1.277, 1.286,
+    1.305, 1.311, 1.245, 1.053, 1.082, 1.09, 1.211, 1.213, 1.246, 1.234, 1.231, 0.698, 0.69,
+    1.146, 1.177, 1.168, 1.155, 1.11, 1.089, 1.088, 1.077, 1.054, 0.898, 0.902, 0.903, 0.908,
+    0.973, 1.005, 1.004, 0.963, 0.939, 0.991, 0.942, 0.958, 0.947, 0.934, 0.925, 0.922, 0.795,
+    0.654, 0.753, 0.666, 0.646, 0.716, 0.728, 0.46, 0.196, 0.366, 0.3, 0.338, 0.344, 0.429, 0.497,
+    0.669, 0.598, 0.653, 0.717, 0.744, 0.747, 0.737, 0.716, 0.721, 0.713, 0.699, 0.694, 0.689,
+    0.679, 0.673, 0.661, 0.656, 0.647, 0.629, 0.624, 0.608, 0.608, 0.595, 0.579, 0.577, 0.53,
+    0.494,
+])
+# fmt: on
+
+
+def _sun() -> Spectrum:
+    return np.interp(GRID_NM, _SUN_NM, _SUN)
+
+
+def _incandescent() -> Spectrum:
+    """Give CIE illuminant A's temperature to Planck's law: a tungsten lamp to first order."""
+    from colour.colorimetry import planck_law
+
+    return np.asarray(planck_law(GRID_NM * 1e-9, 2856.0), np.float64)
+
+
+def _led() -> Spectrum:
+    """CIE LED-B3 (blue pump and phosphor, 4103 K); it ends at 780 nm, so its tail goes on."""
+    wavelength_nm, power = _tabulated("LED-B3")
+    slope, level = np.polyfit(wavelength_nm[-9:], np.log(power[-9:]), 1)  # The last 40 nm.
+    tail = np.exp(level + slope * GRID_NM)
+    inside_nm = wavelength_nm[-1] >= GRID_NM
+    return np.where(inside_nm, np.interp(GRID_NM, wavelength_nm, power), tail)
+
+
+def _fluorescent() -> Spectrum:
+    """CIE FL2 (cool white); dark beyond its table's 780 nm, though argon has weak lines there."""
+    wavelength_nm, power = _tabulated("FL2")
+    return np.interp(GRID_NM, wavelength_nm, power, right=0.0)
+
+
+def _tabulated(name: str) -> tuple[Spectrum, Spectrum]:
+    from colour import SDS_ILLUMINANTS
+
+    table = SDS_ILLUMINANTS[name]
+    return np.asarray(table.wavelengths, np.float64), np.asarray(table.values, np.float64)
+
+
+_SHAPES: dict[str, Callable[[], Spectrum]] = {
+    "sun": _sun,
+    "incandescent": _incandescent,
+    "led": _led,
+    "fluorescent": _fluorescent,
+}
+
+
+def names() -> list[str]:
+    """List the lights."""
+    return sorted(_SHAPES)
+
+
+@lru_cache(maxsize=1)
+def luminous_efficiency() -> Spectrum:
+    """V of `GRID_NM` (1441,): how bright a watt looks, 1 at 555 nm (CIE 1924 observer)."""
+    from colour import SDS_LEFS
+
+    table = SDS_LEFS["CIE 1924 Photopic Standard Observer"]
+    return np.interp(GRID_NM, table.wavelengths, table.values, right=0.0)
+
+
+def illuminance_lx(spectrum: Spectrum) -> float:
+    """683 times the integral of V E [lx].
+
+    Args:
+        spectrum: E on `GRID_NM` (1441,) [W m^-2 nm^-1].
+    """
+    return LUMENS_PER_WATT * integral(luminous_efficiency() * spectrum)
+
+
+@lru_cache(maxsize=len(_SHAPES))
+def _at_one_lux(light: str) -> Spectrum:
+    shape = _SHAPES[light]()
+    return shape / illuminance_lx(shape)
+
+
+def irradiance(light: str, illuminance: float) -> Spectrum:
+    """Spectral irradiance of a light of so many lux.
+
+    Args:
+        light: one of `names()`.
+        illuminance: 0 to 150 000 [lx]; an office has 500, the open under the sun 100 000.
+
+    Returns:
+        (1441,) on `GRID_NM` [W m^-2 nm^-1].
+
+    Raises:
+        InputError: if the light is unknown or the illuminance out of range.
+    """
+    errors.one_of("light", light, _SHAPES)
+    errors.in_interval(
+        "illuminance_lx", illuminance, 0.0, 1.5e5, "Give lux: direct sun has 1e5, an office 500."
+    )
+    return _at_one_lux(light) * illuminance

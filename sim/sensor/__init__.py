@@ -1,0 +1,1 @@
+"""Sensor settings: frozen dataclasses, presets, edits and device controls."""

@@ -1,0 +1,143 @@
+"""Edits of a sensor by dotted path, as text or as values."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from starling.patterns import errors
+from starling.sim.sensor import matcher, structure
+from starling.sim.sensor.sensor import Sensor
+
+_AXES = "xyz"
+_BARE_WORD = re.compile(r"[A-Za-z_][\w./-]*")
+
+
+def apply(sensor: Sensor, edits: Iterable[str]) -> Sensor:
+    """Apply edits in order; only what comes out at the end must be a possible sensor.
+
+    Args:
+        sensor: what to edit.
+        edits: `PATH=VALUE` each: a dotted path to a field and a TOML value (a bare word is text).
+            `imager.X` edits both imagers, `PATH.x` one component of three;
+            `matcher.setting` takes a stock setting by its name.
+
+    Raises:
+        InputError: an edit that is no `PATH=VALUE`, an unknown path, a path to a whole table,
+            a refused value, or a pattern where every emitter has its own.
+
+    Example:
+        >>> apply(sensors.load("d435"), ["projector.power_w=0.2"]).projector.power_w
+        0.2
+    """
+    return with_values(sensor, [_parse(edit) for edit in edits])
+
+
+def with_values(sensor: Sensor, values: Iterable[tuple[str, Any]]) -> Sensor:
+    """Set fields in order, as `apply` does, by (path, value).
+
+    Raises:
+        InputError: an unknown path, a path to a whole table, a refused value, or a pattern where
+            every emitter has its own.
+    """
+    table, values = structure.to_table(sensor), list(values)
+    for path, value in values:
+        if path == "matcher.setting":
+            table["matcher"] = structure.to_table(_stock_matcher(value))
+        elif path.partition(".")[0] == "imager":
+            for side in ("left", "right"):
+                _set(table, side + path.removeprefix("imager"), value, typed=path)
+        else:
+            _set(table, path, value, typed=path)
+    try:
+        edited = structure.from_table(Sensor, table)
+    except errors.InputError as error:
+        message = _as_typed(str(error), [path for path, _ in values])
+        raise errors.InputError(message) from error
+    _refuse_hidden_pattern(edited, dict(values))
+    return edited
+
+
+def _refuse_hidden_pattern(sensor: Sensor, values: Mapping[str, Any]) -> None:
+    """Refuse a pattern that nothing would show: every emitter has one of its own."""
+    emitters = sensor.projector.emitters
+    if "projector.pattern" in values and emitters and all(one.pattern for one in emitters):
+        raise errors.refuse(
+            "projector.pattern",
+            "must not be set where every emitter has its own",
+            repr(values["projector.pattern"]),
+            "Set projector.emitters=[] too, or projector.emitters.0.pattern.",
+        )
+
+
+def _stock_matcher(name: Any) -> matcher.Matcher:
+    try:
+        return matcher.named(name)
+    except errors.InputError as error:
+        _, must, rest = str(error).partition(" must ")
+        raise errors.InputError(f"matcher.setting{must}{rest}") from error
+
+
+def _as_typed(message: str, paths: Iterable[str]) -> str:
+    """Say `imager` where `left` was not typed: an edit of both fails at the left one first."""
+    heads = {path.partition(".")[0] for path in paths}
+    if "imager" not in heads or "left" in heads:
+        return message
+    return re.sub(r"^(key in )?left\b", r"\1imager", message)
+
+
+def _set(table: dict[str, Any], path: str, value: Any, *, typed: str) -> None:
+    """Set one key; unknown keys are refused with the whole table."""
+    *folders, last = path.split(".")
+    for depth, name in enumerate(folders, 1):
+        holder, table = table, table.setdefault(name, {})
+        if isinstance(table, list) and depth == len(folders) and last in _AXES[: len(table)]:
+            # Copied: both imagers may come from one list.
+            holder[name] = [
+                value if axis == last else old for axis, old in zip(_AXES, table, strict=False)
+            ]
+            return
+        if isinstance(table, list) and table and all(isinstance(one, dict) for one in table):
+            number = folders[depth] if depth < len(folders) else last
+            known = [str(i) for i in range(len(table))]
+            errors.one_of(f"number in {'.'.join(folders[:depth])}", number, known)
+            table = {str(i): item for i, item in enumerate(table)}
+            _set(table, ".".join([*folders[depth:], last]), value, typed=typed)
+            holder[name] = list(table.values())
+            return
+        if not isinstance(table, dict):
+            rest = ".".join([*folders[depth:], last])
+            raise errors.refuse(
+                ".".join(folders[:depth]), "has no fields", f".{rest}", "Drop the last part."
+            )
+    old = table.get(last)
+    if isinstance(old, Mapping):  # It would bring back the defaults of all that it leaves out.
+        raise errors.refuse(
+            typed,
+            "must be set field by field",
+            repr(value),
+            f"Its fields: {', '.join(f'{typed}.{field}' for field in old)}.",
+        )
+    if folders and last == "kind" and value != old:
+        table.clear()  # Another kind has other fields; they start from their defaults.
+    table[last] = value
+
+
+def _parse(edit: str) -> tuple[str, Any]:
+    path, equals, text = (part.strip() for part in edit.partition("="))
+    if not (equals and text and all(part.strip() for part in path.split("."))):
+        raise errors.refuse(
+            "--set", "must be PATH=VALUE", repr(edit), "Example: --set projector.power_w=0.2."
+        )
+    try:
+        table = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        if _BARE_WORD.fullmatch(text):  # The shell has eaten the quotes.
+            return path, text
+        table = {}
+    if list(table) != ["value"]:
+        raise errors.refuse(f"--set {path}", "must be a TOML value", repr(text), "Quote text.")
+    structure.refuse_long_integers(table["value"], path)
+    return path, table["value"]

@@ -1,0 +1,254 @@
+"""Settings of the stereo matcher: which engine, how far it searches, what it refines and refuses.
+
+Plain frozen numbers only: nothing here computes, `starling.sim.stereo.matching` does. The thresholds of `Checks`
+and `Refinement` are single numbers, so that a table of effects can move each of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from starling.patterns.errors import in_interval, one_of, refuse
+
+FIXED_POINT = 16  # OpenCV's disparities come in steps of 1/16 px; its search is a multiple of it.
+MOST_BITS = 100.0  # Highest penalty of the own engine: dearer than any disparity, so no jump.
+
+
+def _odd(name: str, value: int, low: int, high: int) -> None:
+    """Refuse a window that is not an odd whole number in [low, high]."""
+    in_interval(name, value, low, high, "Choose an odd number inside.")
+    if int(value) != value or value % 2 == 0:
+        raise refuse(name, "must be odd", value, "A window needs a centre pixel.")
+
+
+def _whole(name: str, value: int, low: int, high: int) -> None:
+    """Refuse a count that is not a whole number in [low, high]."""
+    in_interval(name, value, low, high)
+    if int(value) != value:
+        raise refuse(name, "must be a whole number", value, "Round it.")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SemiGlobalBlock:
+    """OpenCV's StereoSGBM: Birchfield-Tomasi cost in a block, then scanline optimisation."""
+
+    mode: Literal["3way", "hh"] = "3way"  # Paths: left, right and down, or all eight.
+    block_px: int = 5  # Side of the block the cost is summed over.
+    small_penalty: int = 200  # P1, for a disparity step of 1 px [summed cost].
+    large_penalty: int = 800  # P2, for a larger step [summed cost].
+    prefilter_cap: int = 0  # Clip of the horizontal derivative; 0 is OpenCV's default.
+
+    def __post_init__(self) -> None:
+        one_of("mode", self.mode, ("3way", "hh"))
+        _odd("block_px", self.block_px, 1, 21)
+        _whole("small_penalty", self.small_penalty, 0, 100_000)
+        _whole("large_penalty", self.large_penalty, 0, 100_000)
+        _whole("prefilter_cap", self.prefilter_cap, 0, 127)
+        if self.large_penalty <= self.small_penalty:
+            raise refuse(
+                "large_penalty",
+                f"must be > small_penalty {self.small_penalty}",
+                self.large_penalty,
+                "A larger jump has to cost more than a step.",
+            )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Block:
+    """OpenCV's StereoBM: sum of absolute differences over a block, the best one taken."""
+
+    block_px: int = 15  # Side of the block.
+    prefilter_cap: int = 31  # Clip of the horizontal derivative.
+
+    def __post_init__(self) -> None:
+        _odd("block_px", self.block_px, 5, 51)
+        _whole("prefilter_cap", self.prefilter_cap, 1, 63)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CensusSemiGlobal:
+    """Census + absolute difference, averaged over a cross-shaped support, then scanlines.
+
+    Cost of a pixel pair = bits that differ in the census [bit] + weighted, clipped absolute
+    difference [bit]. It is averaged over the support, which ends where the brightness steps: a
+    surface that looks different is likely another one. Penalties are in bits too, so that they do
+    not depend on the support's size. Brightness is in DN on the scale of 8 bits, whatever the
+    image's depth. Source of the scheme: Mei et al. 2011, AD-Census; Hirschmueller 2008, SGM.
+    """
+
+    census_px: int = 9  # Side of the census window; every second pixel of it is compared.
+    presmooth_px: float = 0.6  # Standard deviation of the Gaussian before the census [px].
+    tolerance_dn: float = 0.2  # A neighbour counts as darker only by more than this [DN].
+    difference_weight: float = 0.125  # Cost of one DN of absolute difference [bit/DN].
+    difference_cap_dn: float = 8.0  # Differences count no further than this [DN].
+    support_px: int = 11  # Largest side of the support.
+    arm_step_dn: float = 6.0  # It ends where the left image differs by more than this [DN].
+    small_penalty: float = 12.0  # P1, for a step of one disparity [bit].
+    large_penalty: float = 48.0  # P2, for a larger step [bit].
+    second_peak: float = 0.0  # The second best must cost this much more [bit, sum of paths].
+    neighbour_peak: float = 0.0  # So must a disparity next to the best [bit, sum of paths].
+
+    def __post_init__(self) -> None:
+        _odd("census_px", self.census_px, 3, 11)
+        in_interval("presmooth_px", self.presmooth_px, 0.0, 5.0)
+        in_interval("tolerance_dn", self.tolerance_dn, 0.0, 64.0)
+        in_interval("difference_weight", self.difference_weight, 0.0, 8.0)
+        in_interval("difference_cap_dn", self.difference_cap_dn, 0.0, 255.0)
+        _odd("support_px", self.support_px, 1, 15)
+        in_interval("arm_step_dn", self.arm_step_dn, 0.0, 255.0)
+        in_interval("small_penalty", self.small_penalty, 0.0, MOST_BITS)
+        in_interval("large_penalty", self.large_penalty, 0.0, MOST_BITS)
+        in_interval("second_peak", self.second_peak, 0.0, 1000.0)
+        in_interval("neighbour_peak", self.neighbour_peak, 0.0, 1000.0)
+        if self.large_penalty < self.small_penalty:
+            raise refuse(
+                "large_penalty",
+                f"must be >= small_penalty {self.small_penalty:g}",
+                self.large_penalty,
+                "A larger jump has to cost at least a step.",
+            )
+        if self.difference_weight * self.difference_cap_dn > 128:
+            raise refuse(
+                "difference_weight",
+                "times difference_cap_dn must be <= 128 bit",
+                self.difference_weight * self.difference_cap_dn,
+                "Lower either.",
+            )
+
+
+Engine = SemiGlobalBlock | Block | CensusSemiGlobal
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Refinement:
+    """What is done to the disparities after the winner is known. A filter of 0 or 1 px is off."""
+
+    median_px: int = 0  # Side of the median filter on all winners: 0, 3 or 5.
+    smooth_px: int = 0  # Columns of the window of the jump-preserving mean, odd or 0.
+    smooth_rows_px: int = 31  # Its rows at most, odd; never more than columns.
+    smooth_step_px: float = 2.0  # Neighbours further off than this stay out of the mean [px].
+    locking_px: float = 0.0  # Amplitude of a pull that has a whole pixel's period [px].
+    quantum_px: float = 0.0  # Disparities are rounded to multiples of this [px]; 0 = not at all.
+
+    def __post_init__(self) -> None:
+        if self.median_px not in (0, 3, 5):
+            raise refuse("median_px", "must be 0, 3 or 5", self.median_px, "0 switches it off.")
+        if self.smooth_px:
+            _odd("smooth_px", self.smooth_px, 1, 31)
+        _odd("smooth_rows_px", self.smooth_rows_px, 1, 31)
+        in_interval("smooth_step_px", self.smooth_step_px, 0.0, 16.0)
+        in_interval("locking_px", self.locking_px, -0.15, 0.15, "More would fold disparities.")
+        in_interval("quantum_px", self.quantum_px, 0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Checks:
+    """What a match must pass. The neutral value of every check lets everything through."""
+
+    uniqueness: float = 0.0  # The second best must cost this much more [percent]; 0 = off.
+    left_right_px: float = 1024.0  # Largest difference of the two views' disparities [px].
+    left_right_mean_px: int = 0  # Jump-preserving mean both take before; 0 = whole px compared.
+    texture_dn: float = 0.0  # Least standard deviation in the left window [DN of 8 bits]; 0 = off.
+    jump_px: float = 1024.0  # Largest range of disparities in 3x3 pixels [px].
+    speckle_count: int = 0  # Islands of up to so many pixels are removed; 0 = off.
+    speckle_step_px: float = 1.0  # Neighbours further apart than this are two islands [px].
+    border_px: float = 0.0  # Least distance of a match from the other image's first column [px].
+
+    def __post_init__(self) -> None:
+        in_interval("uniqueness", self.uniqueness, 0.0, 100.0)
+        in_interval("left_right_px", self.left_right_px, 0.0, 1024.0)
+        if self.left_right_mean_px:
+            _odd("left_right_mean_px", self.left_right_mean_px, 1, 31)
+        in_interval("texture_dn", self.texture_dn, 0.0, 255.0)
+        in_interval("jump_px", self.jump_px, 0.0, 1024.0)
+        _whole("speckle_count", self.speckle_count, 0, 1_000_000)
+        in_interval("speckle_step_px", self.speckle_step_px, 0.0, 64.0)
+        in_interval("border_px", self.border_px, 0.0, 64.0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Matcher:
+    """A whole matcher. Disparity = x_left - x_right is searched in [min, min + search - 1]."""
+
+    engine: Engine = field(default_factory=CensusSemiGlobal)
+    min_disparity_px: int = 0  # The devices call it disparity shift.
+    search_px: int = 128  # Count of disparities, a multiple of 16 up to 256.
+    refinement: Refinement = field(default_factory=Refinement)
+    checks: Checks = field(default_factory=Checks)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.engine, Engine):
+            raise refuse(
+                "engine",
+                "must be SemiGlobalBlock, Block or CensusSemiGlobal",
+                type(self.engine).__name__,
+                "Build one from starling.sim.sensor.matcher.",
+            )
+        _whole("min_disparity_px", self.min_disparity_px, 0, 512)
+        _whole("search_px", self.search_px, FIXED_POINT, 256)
+        if self.search_px % FIXED_POINT:
+            raise refuse(
+                "search_px", f"must be a multiple of {FIXED_POINT}", self.search_px, "Round it up."
+            )
+
+
+FAST = Matcher(
+    engine=SemiGlobalBlock(),
+    checks=Checks(uniqueness=10.0, left_right_px=1.0, speckle_count=100, speckle_step_px=2.0),
+)
+"""OpenCV's semi-global matcher as everybody runs it: quick, and not what a device does."""
+
+D4XX = Matcher(
+    engine=CensusSemiGlobal(),
+    refinement=Refinement(median_px=5, smooth_px=15, smooth_step_px=2.0, quantum_px=1 / 32),
+    checks=Checks(
+        left_right_px=0.75,  # The device's 24, read as 1/32 px.
+        left_right_mean_px=9,
+        texture_dn=0.1,
+        jump_px=5.0,
+        speckle_count=300,
+        speckle_step_px=1.0,
+    ),
+)
+"""The RealSense D4 family's matcher, from its own infrared pairs: docs/decisions/0003-matcher.md.
+
+Search: 126 disparities in the device (librealsense issue 2885), 128 here, the ends refused.
+"""
+
+KINECT = Matcher(
+    engine=CensusSemiGlobal(
+        census_px=3,  # A wider one would widen the window.
+        presmooth_px=0.0,
+        difference_weight=0.0,  # The reference's contrast is not the image's.
+        support_px=9,
+        arm_step_dn=255.0,  # A plain square.
+        small_penalty=0.0,
+        large_penalty=0.0,
+    ),
+    # Without it the fit pulls by 0.075 px; the device's depth shows no such pull.
+    refinement=Refinement(locking_px=-0.1, quantum_px=1 / 8),
+    checks=Checks(uniqueness=8.0, left_right_px=1.0, speckle_count=60, speckle_step_px=1.0),
+)
+"""A structured-light camera's local window and eighths of a pixel.
+
+Window 9 px and 1/8 px: Konolige and Mihelich, Technical description of Kinect calibration, 2011.
+The thresholds are assumed: docs/decisions/0015-structured-light.md.
+"""
+
+_NAMED = {"fast": FAST, "d4xx": D4XX, "kinect": KINECT}
+
+
+def names() -> tuple[str, ...]:
+    """Names that `named` knows, sorted."""
+    return tuple(sorted(_NAMED))
+
+
+def named(name: str) -> Matcher:
+    """The setting called `name`.
+
+    Raises:
+        InputError: if there is none; the message lists the known names.
+    """
+    one_of("matcher", name, _NAMED)
+    return _NAMED[name]

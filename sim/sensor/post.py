@@ -1,0 +1,79 @@
+"""From disparity to the depth that leaves the device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from starling.patterns import errors
+
+HoleFilling = Literal["off", "left", "farthest", "nearest"]  # Which neighbour fills a hole.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Post:
+    """Post-processing, in the order of librealsense's filters; the defaults switch all off."""
+
+    near_m: float = 0.0  # Nearer is out of range [m].
+    far_m: float = 65.535  # Farther is out of range [m].
+    decimation: int = 1  # Side of the blocks that share one depth [px]; 1 is off, 2 and 3 take
+    # the median, 4 to 8 the mean. The depth map keeps its size.
+    spatial_alpha: float = 1.0  # Share of a pixel in its smoothed value; 1 is off.
+    # librealsense counts both deltas in 1/32 px: its 20 is 0.625 px (of the decimated image).
+    spatial_delta_px: float = 0.625  # Neighbours further apart are an edge, disparity [px].
+    spatial_iterations: int = 2  # Passes along rows and columns.
+    temporal_alpha: float = 1.0  # Share of the new frame; 1 is off, persistence included.
+    temporal_delta_px: float = 0.625  # A larger change is taken over at once, disparity [px].
+    temporal_persistence: int = 3  # Which past frames let an old depth stand (librealsense 0 to 8).
+    hole_filling: HoleFilling = "off"
+    depth_unit_m: float = 1e-3  # Step of the 16-bit depth image [m]; taken where it is written.
+    registered: bool = False  # Also give depth in the colour camera's image.
+
+    def __post_init__(self) -> None:
+        errors.positive("post.depth_unit_m", self.depth_unit_m)
+        errors.in_interval("post.depth_unit_m", self.depth_unit_m, 0.0, 0.1, "Give metres.")
+        errors.in_interval("post.near_m", self.near_m, 0.0, 1e3)
+        errors.in_interval("post.far_m", self.far_m, 0.0, 1e3)
+        if self.far_m <= self.near_m:
+            raise errors.refuse(
+                "post.far_m", "must be > post.near_m", repr(self.far_m), "Swap or widen the range."
+            )
+        _whole("post.decimation", self.decimation, 1, 8, "1 switches it off.")
+        errors.in_interval(
+            "post.spatial_alpha", self.spatial_alpha, 0.25, 1.0, "1 switches it off."
+        )
+        errors.in_interval("post.spatial_delta_px", self.spatial_delta_px, 0.0, 64.0)
+        _whole("post.spatial_iterations", self.spatial_iterations, 1, 5)
+        errors.in_interval(
+            "post.temporal_alpha", self.temporal_alpha, 0.0, 1.0, "1 switches it off."
+        )
+        errors.in_interval("post.temporal_delta_px", self.temporal_delta_px, 0.0, 64.0)
+        _whole("post.temporal_persistence", self.temporal_persistence, 0, 8)
+        errors.one_of("post.hole_filling", self.hole_filling, get_args(HoleFilling))
+
+
+def refuse_single_frame(post: Post, frames: int) -> None:
+    """Refuse a temporal filter where there is but one frame to filter.
+
+    Args:
+        post: settings that will act.
+        frames: how many frames of one scene follow each other.
+
+    Raises:
+        InputError: if the temporal filter is on and `frames` is less than 2.
+    """
+    if frames < 2 and post.temporal_alpha < 1.0:
+        raise errors.refuse(
+            "post.temporal_alpha",
+            "must be 1 for a single frame",
+            repr(post.temporal_alpha),
+            "Give --frames 2 or more.",
+        )
+
+
+def _whole(
+    name: str, value: int, low: int, high: int, remedy: str = "Choose a value inside."
+) -> None:
+    errors.in_interval(name, value, low, high, remedy)
+    if int(value) != value:
+        raise errors.refuse(name, "must be a whole number", repr(value), "Round it.")

@@ -1,0 +1,85 @@
+"""The infrared pattern projector."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from starling.patterns import errors
+from starling.sim.sensor.emitter import Emitter
+
+_MOST_EMITTERS = 16  # Every one is a pass of shadow rays; a pattern's dots are no emitters.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Projector:
+    """The infrared pattern projector, posed in the left imager's frame."""
+
+    power_w: float = 0.15  # Mean optical power [W] while exposing; 0 is off (passive stereo).
+    wavelength_nm: float = 850.0  # Laser line [nm].
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # In the left imager's frame [m].
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Rotation vector [deg].
+    fov_x_deg: float = 90.0  # Full horizontal field [deg].
+    fov_y_deg: float = 63.0  # Full vertical field [deg].
+    pattern: str = "d435"  # A generator's name (see `patterns`) or an image file.
+    emitters: tuple[Emitter, ...] = ()  # None: a single one, at the projector's own place.
+    # Direction cosines of the light about the emitter's axis, over those of the pattern as given:
+    # a diffractive element's grow with the wavelength.
+    pattern_scale: float = 1.0
+    pattern_seed: int = 0  # Seed of the generator.
+    dot_density: float = 1.0  # Dots in a solid angle over the generator's own; power is shared.
+    dropped_dots: float = 0.0  # Share of the dots that are dark; their light is lost.
+    shifted_dots_mrad: float = 0.0  # Sigma of the dots' displacement on each axis [mrad].
+    faults_seed: int = 0  # Of which dots have faults, and where to: one device's of a pattern.
+    dot_blur_mrad: float = 0.0  # Sigma by which dots are wider than the pattern's [mrad].
+    # Sigma [mrad] per difference of |1/z - 1/focus_m| [1/m], z along the projector's axis: a
+    # quarter of the width of a uniform aperture [mm]. Surfaces within 0.1 m count as at 0.1 m.
+    defocus_mrad_m: float = 0.0
+    focus_m: float = 1.0  # Distance in focus, along the axis [m].
+    haze: float = 0.0  # Share of the light that goes between the dots, evenly over the field.
+    falloff: float = 0.0  # Exponent n of cos^n about the projector's axis; 0 is none.
+    speckle_contrast: float = 0.0  # Deviation over mean of the laser's speckle in a pixel.
+    flicker: float = 0.0  # Deviation of the power from frame to frame, of its mean.
+
+    @property
+    def faulty(self) -> bool:
+        """Whether dots of its pattern are dark or displaced."""
+        return self.dropped_dots > 0 or self.shifted_dots_mrad > 0
+
+    def __post_init__(self) -> None:
+        errors.in_interval("projector.power_w", self.power_w, 0.0, 10.0, "Give watts.")
+        errors.in_interval(
+            "projector.wavelength_nm", self.wavelength_nm, 300.0, 1100.0, "Give nanometres."
+        )
+        for axis, value in zip("xyz", self.position_m, strict=True):
+            errors.in_interval(f"projector.position_m.{axis}", value, -4.0, 4.0, "Give metres.")
+        for axis, value in zip("xyz", self.rotation_deg, strict=True):
+            errors.in_interval(f"projector.rotation_deg.{axis}", value, -360.0, 360.0)
+        errors.in_interval("projector.fov_x_deg", self.fov_x_deg, 1.0, 150.0)
+        errors.in_interval("projector.fov_y_deg", self.fov_y_deg, 1.0, 150.0)
+        errors.in_interval(
+            "number of projector.emitters",
+            len(self.emitters),
+            0,
+            _MOST_EMITTERS,
+            "The dots of one pattern need one.",
+        )
+        errors.in_interval(
+            "projector.pattern_scale", self.pattern_scale, 0.9, 1.1, "1 is as given."
+        )
+        errors.in_interval("projector.dot_density", self.dot_density, 0.02, 20.0, "1 is its own.")
+        errors.in_interval("projector.dropped_dots", self.dropped_dots, 0.0, 0.99)
+        errors.in_interval("projector.shifted_dots_mrad", self.shifted_dots_mrad, 0.0, 100.0)
+        errors.in_interval("projector.faults_seed", self.faults_seed, 0, 2**31 - 1)
+        errors.in_interval("projector.dot_blur_mrad", self.dot_blur_mrad, 0.0, 50.0)
+        errors.in_interval("projector.defocus_mrad_m", self.defocus_mrad_m, 0.0, 5.0)
+        errors.in_interval("projector.focus_m", self.focus_m, 0.1, 1e4, "Give the distance [m].")
+        errors.in_interval("projector.haze", self.haze, 0.0, 1.0, "1 is no dots at all.")
+        errors.in_interval("projector.falloff", self.falloff, 0.0, 20.0)
+        errors.in_interval(
+            "projector.speckle_contrast", self.speckle_contrast, 0.0, 1.0, "1 is one laser mode."
+        )
+        errors.in_interval("projector.flicker", self.flicker, 0.0, 0.5)
+        if not self.pattern:
+            raise errors.refuse(
+                "projector.pattern", "must name a pattern", "''", "Give a name or an image file."
+            )

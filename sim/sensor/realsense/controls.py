@@ -1,0 +1,158 @@
+"""The controls of a RealSense D400: their names, what they admit, and reading their values.
+
+Names: librealsense src/ds/advanced_mode/json_loader.hpp; meaning of the thresholds: DSAPI, library
+of the family's first chips (DSAPITypes.h). Ranges are ours: wide enough for any file seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from starling.patterns import errors
+
+Control = float | str  # A control's value: a number, or one of its words.
+Controls = Mapping[str, Control]  # Values by the controls' own names (see `canonical`).
+
+WORDS = {
+    "controls-laserstate": ("off", "on", "auto"),
+    "controls-autoexposure-auto": ("false", "true"),
+    "controls-depth-white-balance-auto": ("false", "true"),
+    "controls-color-autoexposure-auto": ("false", "true"),
+    "controls-color-white-balance-auto": ("false", "true"),
+}
+ALIASES = {  # Second names of one control.
+    "param-zunits": "param-depthunits",
+    "aux-param-depthclampmin": "param-depthclampmin",
+    "aux-param-depthclampmax": "param-depthclampmax",
+    "aux-param-disparityshift": "param-disparityshift",
+    "aux-param-autoexposure-setpoint": "param-autoexposure-setpoint",
+    "param-censusenablereg-udiameter": "param-censususize",
+    "param-censusenablereg-vdiameter": "param-censusvsize",
+    **{f"aux-param-colorcorrection{i}": f"param-colorcorrection{i}" for i in range(1, 13)},
+}
+RANGES = {  # What is mapped onto a sensor.
+    "param-secondpeakdelta": (0, 1023),
+    "param-neighborthresh": (0, 1023),
+    "param-leftrightthreshold": (0, 2047),  # [1/32 px]
+    "param-texturecountthresh": (0, 49),  # Pixels of 7x7.
+    "param-texturedifferencethresh": (0, 4095),
+    "param-scanlinep1": (0, 1023),
+    "param-scanlinep2": (0, 1023),
+    "param-lambdaad": (1, 4095),
+    "param-lambdacensus": (1, 4095),
+    "ignoreSAD": (0, 1),
+    "param-censususize": (3, 11),  # [px]
+    "param-censusvsize": (3, 11),
+    "param-depthunits": (1, 100_000),  # [um]
+    "param-depthclampmin": (0, 65_536),  # [depth units]
+    "param-depthclampmax": (1, 65_536),
+    "param-disparityshift": (0, 512),  # [px]
+    "param-autoexposure-setpoint": (0, 3686),  # Of 4096.
+    "controls-laserpower": (0, 360),  # [mW]
+    "controls-autoexposure-manual": (1, 1_000_000),  # [us]
+    "controls-depth-gain": (16, 248),  # 16 is unity.
+}
+_SCORES = "our matcher's cost has no such score"
+_ARMS = "our support's arms have no least length or shrinking"
+_COLOUR = "it acts on colour channels; ours is one infrared image"
+_MODS = "our penalties do not change at steps of brightness (it gained nothing: decision 0003)"
+_STREAM = "it chooses a stream; the sensor says its size itself"
+_RGB = "it sets the colour camera"
+WITHOUT_COUNTERPART = {  # Why each of these leaves the sensor as it is.
+    "param-medianthreshold": f"{_SCORES}: a median over all disparities",
+    "param-robbinsmonrodecrement": f"{_SCORES}: a running median",
+    "param-robbinsmonroincrement": f"{_SCORES}: a running median",
+    "param-minscorethresha": f"{_SCORES}: an absolute one",
+    "param-maxscorethreshb": f"{_SCORES}: an absolute one",
+    "param-usersm": "our matcher has no region support map",
+    "param-rsmdiffthreshold": "our matcher has no region support map",
+    "param-rsmrauslodiffthreshold": "our matcher has no region support map",
+    "param-rsmremovethreshold": "our matcher has no region support map",
+    **dict.fromkeys(
+        ("param-raumine", "param-rauminn", "param-rauminnssum", "param-raumins", "param-rauminw",
+         "param-rauminwesum", "param-regionshrinku", "param-regionshrinkv",
+         "param-regionspatialthresholdu", "param-regionspatialthresholdv"), _ARMS,
+    ),
+    **dict.fromkeys(
+        ("param-disableraucolor", "param-disablesadcolor", "param-disablesadnormalize",
+         "param-disablesloleftcolor", "param-disableslorightcolor", "param-regioncolorthresholdb",
+         "param-regioncolorthresholdg", "param-regioncolorthresholdr", "param-scanlineedgetaub",
+         "param-scanlineedgetaug", "param-scanlineedgetaur",
+         *(f"param-colorcorrection{i}" for i in range(1, 13))), _COLOUR,
+    ),
+    **dict.fromkeys(
+        ("param-scanlinep1onediscon", "param-scanlinep1twodiscon", "param-scanlinep2onediscon",
+         "param-scanlinep2twodiscon"), _MODS,
+    ),
+    "param-amplitude-factor": "it corrects a pull to whole pixels that is not in the preset; what "
+    "remains of yours goes into the effect pixel_locking",
+    "param-disparitymode": "our output is depth",
+    "aux-param-disparitymultiplier": "librealsense ignores it too",
+    "result": "librealsense ignores it too",
+    "result:": "librealsense ignores it too",
+    **dict.fromkeys(
+        ("stream-depth-format", "stream-ir-format", "stream-width", "stream-height", "stream-fps"),
+        _STREAM,
+    ),
+    "controls-depth-white-balance-auto": _RGB,
+    **dict.fromkeys(
+        (f"controls-color-{name}" for name in (
+            "autoexposure-auto", "autoexposure-manual", "backlight-compensation", "brightness",
+            "contrast", "gain", "gamma", "hue", "power-line-frequency", "saturation", "sharpness",
+            "white-balance-auto", "white-balance-manual")), _RGB,
+    ),
+}  # fmt: skip
+_FREE = ("result", "result:", "stream-depth-format", "stream-ir-format")  # Any text.
+_WIDEST = 1e6  # No register goes beyond.
+KNOWN = frozenset({*WORDS, *RANGES, *WITHOUT_COUNTERPART})
+
+
+def canonical(values: Iterable[tuple[str, Any]]) -> dict[str, Control]:
+    """Return the values under the controls' own names, as numbers or words.
+
+    Args:
+        values: (name, value) as in a JSON file: numbers, or text that holds one.
+
+    Raises:
+        InputError: unknown control (nearest name first), no number, one out of range, or two
+            names of one control that disagree.
+    """
+    found: dict[str, Control] = {}
+    said: dict[str, str] = {}
+    for given, value in values:
+        errors.one_of("control", given, KNOWN | ALIASES.keys())
+        name = ALIASES.get(given, given)
+        read = _read(given, name, value)
+        if found.setdefault(name, read) != read:
+            raise errors.refuse(
+                f"{said[name]} and {given}",
+                "must agree: they are one control",
+                f"{found[name]:g} and {read:g}",
+                "Drop one.",
+            )
+        said.setdefault(name, given)
+    return found
+
+
+def _read(given: str, name: str, value: Any) -> Control:
+    """Read one value."""
+    if name in _FREE:
+        return str(value)
+    if name in WORDS:
+        word = str(value).lower()
+        if word not in WORDS[name]:
+            raise errors.refuse(
+                given, f"must be one of {', '.join(WORDS[name])}", repr(value), "Mind the word."
+            )
+        return word
+    low, high = RANGES.get(name, (-_WIDEST, _WIDEST))
+    try:
+        number = float(value) if isinstance(value, str) else value
+    except ValueError:
+        number = math.nan
+    if not isinstance(number, (int, float)) or isinstance(number, bool) or math.isnan(number):
+        raise errors.refuse(given, "must be a number", repr(value), "Export the file again.")
+    errors.in_interval(given, number, low, high, "It is outside what the device takes.")
+    return float(number)

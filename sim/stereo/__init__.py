@@ -1,0 +1,1 @@
+"""Stereo matching and post-processing: from an infrared pair to depth."""

@@ -1,0 +1,77 @@
+"""Depth maps: disparity to depth and its 16-bit code, with a reason for every missing pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns import errors
+
+if TYPE_CHECKING:  # Loads a compiler.
+    from starling.sim.stereo.post.temporal import History
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DepthMap:
+    """Depth in the left imager's frame; each (h, w). Missing is NaN plus a reason."""
+
+    disparity_px: NDArray[np.float32]  # x_left - x_right.
+    depth_m: NDArray[np.float32]  # z along the optical axis.
+    valid: NDArray[np.bool_]
+    reason: NDArray[np.uint32]  # Codes of `starling.sim.reason.Reason`; 0 exactly where valid.
+    history: History | None = None  # For the temporal filter at the next frame; None without it.
+
+
+def depth_from_disparity(
+    disparity_px: NDArray[np.floating], *, focal_px: float, baseline_m: float
+) -> NDArray[np.float32]:
+    """Triangulate rectified disparity to depth along the optical axis: z = f b / d.
+
+    Args:
+        disparity_px: x_left - x_right [px], any shape, NaN where there is none.
+        focal_px: focal length of the rectified pair [px], > 0.
+        baseline_m: distance between the rectified centres [m], > 0.
+
+    Returns:
+        Depth [m], NaN where the input is NaN or <= 0 (at or beyond infinity).
+
+    Raises:
+        InputError: if focal_px or baseline_m is not finite and positive.
+
+    Source: Szeliski, Computer Vision, 2nd ed., sec. 12.1.
+
+    Example:
+        >>> depth_from_disparity(np.array([[35.2]]), focal_px=640.0, baseline_m=0.055)
+        array([[1.]], dtype=float32)
+    """
+    errors.positive("focal_px", focal_px)
+    errors.positive("baseline_m", baseline_m)
+    disparity = np.asarray(disparity_px, np.float32)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.asarray(np.float32(focal_px * baseline_m) / disparity)
+    np.putmask(depth, ~(disparity > 0), np.nan)  # In place: fresh memory is what costs here.
+    return depth
+
+
+def disparity_from_depth(
+    depth_m: NDArray[np.floating], *, focal_px: float, baseline_m: float
+) -> NDArray[np.float32]:
+    """Turn depth [m] into disparity [px]; the two are each other's inverse (see above)."""
+    return depth_from_disparity(depth_m, focal_px=focal_px, baseline_m=baseline_m)
+
+
+def to_code(depth_m: NDArray[np.floating], depth_unit_m: float) -> NDArray[np.uint16]:
+    """Write depth as the 16-bit code users know: depth / depth_unit_m, 0 = no depth."""
+    errors.positive("depth_unit_m", depth_unit_m)
+    code = np.rint(np.nan_to_num(np.asarray(depth_m, np.float64), nan=0.0) / depth_unit_m)
+    return np.where((code >= 0) & (code <= 65535), code, 0).astype(np.uint16)
+
+
+def from_code(code: NDArray[np.uint16], depth_unit_m: float) -> NDArray[np.float32]:
+    """Read the 16-bit code as depth [m], NaN where it is 0."""
+    errors.positive("depth_unit_m", depth_unit_m)
+    depth = code.astype(np.float32) * np.float32(depth_unit_m)
+    return np.where(code > 0, depth, np.float32(np.nan))

@@ -1,0 +1,35 @@
+"""The result of a match: disparities, which are valid, and why the others are not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from starling.patterns.errors import refuse
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class DisparityMap:
+    """Disparity of the left image, x_left - x_right.
+
+    Attributes:
+        disparity_px: (h, w) float32 [px], NaN where there is none.
+        valid: (h, w) bool, where there is one.
+        reason: (h, w) uint32 codes of `starling.sim.reason`, 0 exactly where valid.
+    """
+
+    disparity_px: NDArray[np.float32]
+    valid: NDArray[np.bool_]
+    reason: NDArray[np.uint32]
+
+    def __post_init__(self) -> None:
+        shapes = {self.disparity_px.shape, self.valid.shape, self.reason.shape}
+        if len(shapes) != 1:
+            raise refuse(
+                "disparity_px, valid and reason",
+                "must share one shape",
+                " ".join(map(str, sorted(shapes))),
+                "Take all three from one match.",
+            )

@@ -1,0 +1,1 @@
+"""Physically based active-stereo depth cameras, simulated from the light up."""
