@@ -36,7 +36,7 @@ def calibrate_captures(
     heldout: Sequence[str] | None = None,
     force: bool = False,
     asked: Mapping[str, Any] | None = None,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Calibrate a sensor and write it, with its pattern and report in a folder beside it.
 
@@ -49,7 +49,7 @@ def calibrate_captures(
         heldout: rooms to keep out of the fit; None chooses.
         force: replace what was written before.
         asked: more arguments for the record.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
 
     Returns:
         `{"parameters", "undetermined", "heldout", "seconds", "out", ...}` (see
@@ -68,7 +68,7 @@ def calibrate_captures(
     with OutputFolder(beside, force=force) as folder:
         patterns_folder = folder.partial
         found = fit_sensor.fit(
-            opened.scenes, sensor, free=free, folder=patterns_folder, heldout=heldout, tell=tell
+            opened.scenes, sensor, free=free, folder=patterns_folder, heldout=heldout, track=track
         )
         figures = report.figures(found)
         for name in patterns_folder.glob("mirrored-*.png"):

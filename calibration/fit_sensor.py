@@ -53,7 +53,7 @@ def fit(
     free: Sequence[str],
     folder: Path,
     heldout: Sequence[str] | None = None,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> Calibration:
     """Fit what is asked for, and score it on rooms that the fit has not seen.
 
@@ -63,7 +63,7 @@ def fit(
         free: of `GROUPS`; without infrared, of `starling.calibration.depth.depth_only.GROUPS`.
         folder: where a recovered pattern's images go.
         heldout: rooms left out of the fit; every fourth where None, none of one or two rooms.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
 
     Raises:
         InputError: captures that cannot be what they claim, unknown groups or rooms, nothing left
@@ -75,20 +75,20 @@ def fit(
     inside = [scene for scene in scenes if scene.room not in outside]
     rooms = tuple(dict.fromkeys(scene.room for scene in inside))
     with clock.stage("load"):
-        seen = observation.read_all(tell(inside, "read"))
+        seen = observation.read_all(track(inside, "read"))
         warnings = checks.check(seen, sensor)  # Before the surfaces, which take longer.
         observations = tuple(
             observation.with_surface(one, scene, sensor)
-            for one, scene in zip(seen, tell(inside, "surfaces"), strict=True)
+            for one, scene in zip(seen, track(inside, "surfaces"), strict=True)
         )
     if all(one.left is None for one in observations):
-        return _from_depth(observations, sensor, free, warnings, rooms, clock, tell)
+        return _from_depth(observations, sensor, free, warnings, rooms, clock, track)
     for group in free:
         errors.one_of("free", group, GROUPS)
     fitted, recovered, solutions = sensor, None, {}
     if PATTERN in free:
         with clock.stage(PATTERN):
-            recovered = _recovered(observations, sensor, tell)
+            recovered = _recovered(observations, sensor, track)
             metric = all(one.metric for one in observations)
             solutions[PATTERN] = pattern_solution.solution(recovered, sensor, metric=metric)
             fitted = pattern_sensor.with_pattern(sensor, recovered, folder)
@@ -113,12 +113,12 @@ def fit(
         with clock.stage(WARP):
             smooth = [
                 observation.with_surface(one, scene, fitted, smoothing_px=held.SMOOTHING_PX)
-                for one, scene in zip(seen, tell(inside, "warp"), strict=True)
+                for one, scene in zip(seen, track(inside, "warp"), strict=True)
             ]
             solutions[WARP] = fit_warp(smooth, fitted)
             fitted = solutions[WARP].sensor
     with clock.stage("held out"):
-        before, after = _scored(scenes, outside, sensor, fitted, recovered, folder, tell)
+        before, after = _scored(scenes, outside, sensor, fitted, recovered, folder, track)
     return Calibration(
         sensor=fitted,
         solutions=solutions,
@@ -143,13 +143,13 @@ def _check_groups(free: Sequence[str]) -> None:
 
 
 def _recovered(
-    observations: Sequence[Observation], sensor: Sensor, tell: progress.Progress
+    observations: Sequence[Observation], sensor: Sensor, track: progress.Progress
 ) -> Recovered:
     """Recover the pattern, and once more as its own alignment has the images."""
-    views = [view for one in tell(observations, "views") for view in seeing.of(one, sensor)]
-    recovered = recovery.recover(views, sensor, tell=tell)
+    views = [view for one in track(observations, "views") for view in seeing.of(one, sensor)]
+    recovered = recovery.recover(views, sensor, track=track)
     aligned = pattern_sensor.aligned(sensor, recovered.model)
-    views = [view for one in tell(observations, "views") for view in seeing.of(one, aligned)]
+    views = [view for one in track(observations, "views") for view in seeing.of(one, aligned)]
     return recovery.again(recovered, views, aligned)
 
 
@@ -173,12 +173,12 @@ def _from_depth(
     warnings: tuple[str, ...],
     rooms: tuple[str, ...],
     clock: _Clock,
-    tell: progress.Progress,
+    track: progress.Progress,
 ) -> Calibration:
     from starling.calibration.depth.depth_only import fit_depth
 
     with clock.stage("depth"):
-        solution = fit_depth(observations, sensor, free=free, tell=tell)
+        solution = fit_depth(observations, sensor, free=free, track=track)
     return Calibration(
         sensor=solution.sensor,
         solutions={"depth": solution},
@@ -253,12 +253,12 @@ def _scored(
     fitted: Sensor,
     recovered: Recovered | None,
     folder: Path,
-    tell: progress.Progress,
+    track: progress.Progress,
 ) -> tuple[tuple[Scored, ...], tuple[Scored, ...]]:
     """Score the held-out scenes by the sensor that the fit began from, and by the fitted one."""
     before, after = [], []
     control = pattern_sensor.mirrored(fitted, folder) if recovered else None
-    for scene in tell([scene for scene in scenes if scene.room in rooms], "held out"):
+    for scene in track([scene for scene in scenes if scene.room in rooms], "held out"):
         one = observation.load(scene, start, smoothing_px=held.SMOOTHING_PX)
         if one.left is None or one.scene is None:
             continue

@@ -40,7 +40,7 @@ def calibrate(
     from starling.sim.sensor import resolve
 
     camera = resolve.load(sensor, captures=captures, edits=edits)
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         result = calibrate_captures.calibrate_captures(
             captures,
             camera,
@@ -49,7 +49,7 @@ def calibrate(
             heldout=heldout,
             force=force,
             asked={"sensor": sensor, "set": edits},
-            tell=tell,
+            track=track,
         )
     shell.say(result, json=common.json)
 

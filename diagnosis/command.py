@@ -38,7 +38,7 @@ def diagnose_captures(
     residual: bool = False,
     force: bool = False,
     asked: Mapping[str, Any] | None = None,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Diagnose a capture set and write the report.
 
@@ -56,7 +56,7 @@ def diagnose_captures(
         residual: learn what physics misses, and tell how far that reaches.
         force: replace what was written before.
         asked: more arguments for the record.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
 
     Returns:
         The figures (see `starling.diagnosis.report.figures`), and where the report is.
@@ -78,7 +78,7 @@ def diagnose_captures(
             cache=cache,
             families=_tried(families, leave_out),
             residual=residual,
-            tell=tell,
+            track=track,
         )
         figures = numbers.figures(found)
         folder.write("report.json", record.dumps(figures))

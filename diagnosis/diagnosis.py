@@ -62,7 +62,7 @@ def diagnose(
     cache: Path | None = None,
     families: Sequence[str] | None = None,
     residual: bool = False,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> Diagnosis:
     """Diagnose the gap between a capture set and a sensor, or another capture set of the scenes.
 
@@ -76,7 +76,7 @@ def diagnose(
         cache: folder that keeps what effects do to these scenes.
         families: of effects that are tried; None tries all.
         residual: learn what physics misses, as a bound and a witness (`howfar.residual`).
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
 
     Raises:
         InputError: if a scene is damaged or has neither geometry nor reference depth, scenes are of
@@ -93,7 +93,7 @@ def diagnose(
         raise refuse("residual", rule, against.path.name, "Leave one out.")
     learner = registry.method(METHOD) if residual else None
     scenes = scene_pairs(captures, against)
-    read = [subject(one, sensor, against=other) for one, other in tell(scenes.pairs, "scenes")]
+    read = [subject(one, sensor, against=other) for one, other in track(scenes.pairs, "scenes")]
     subjects, incomplete = complete(read)
     asked, locked = parted(subjects)
     arms = open_arms(subjects, asked)
@@ -105,11 +105,11 @@ def diagnose(
     other = None if against is None else against.path
     with Crew(captures.path, sensor, asked, aside=locked, against=other) as crew:
         screens = [
-            screened(arm, asked, families=families, cache=cache, crew=crew, tell=tell)
+            screened(arm, asked, families=families, cache=cache, crew=crew, track=track)
             for arm in arms
         ]
-        found = named(screens, locked, tell=tell)
-        proposed = _told(found.arms, asked, crew, tell)
+        found = named(screens, locked, track=track)
+        proposed = _told(found.arms, asked, crew, track)
     seen = [
         one for _, screen in (screens if found.kind == "no gap" else ()) for one in noticed(screen)
     ]
@@ -131,7 +131,7 @@ def diagnose(
     if learner is not None:
         try:
             learnt = learn(
-                learner, asked, locked, found.settings if found.together else {}, tell=tell
+                learner, asked, locked, found.settings if found.together else {}, track=track
             )
         except InputError as error:  # What was found without it is told all the same.
             limits.append(f"No residual was learnt: {error}")
@@ -164,7 +164,7 @@ def _taken_up(settings: Mapping[str, Value], subjects: Sequence[Subject]) -> tup
 
 
 def _told(
-    arms: Sequence[Found], subjects: Sequence[Subject], crew: Crew, tell: progress.Progress
+    arms: Sequence[Found], subjects: Sequence[Subject], crew: Crew, track: progress.Progress
 ) -> list[Told]:
     """For every accepted effect and the first of its rivals the capture that tells them apart and
     tells most for its effort; where none does, the one that tells most.
@@ -187,7 +187,7 @@ def _told(
         for number, pair in enumerate(pairs)
     ]
     found = []
-    for one in tell(asked, "captures that would tell"):
+    for one in track(asked, "captures that would tell"):
         told = one.result()
         most = max(told, key=lambda one: one.deviations, default=None)
         best = next((one for one in told if one.enough), most)

@@ -52,7 +52,7 @@ def diagnose(
     from starling.sim.sensor import resolve
 
     camera = resolve.load(sensor, captures=captures, emitter=emitter, edits=edits)
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         result = diagnosing.diagnose_captures(
             captures,
             camera,
@@ -65,7 +65,7 @@ def diagnose(
             residual=residual,
             force=force,
             asked={"sensor": sensor, "emitter": emitter, "set": edits},
-            tell=tell,
+            track=track,
         )
     shell.say(result, json=common.json, as_text=diagnosing.as_text)
 

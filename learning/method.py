@@ -37,7 +37,7 @@ class Method(Protocol):
         *,
         folder: Path,
         seed: int,
-        tell: progress.Progress = progress.silent,
+        track: progress.Progress = progress.silent,
     ) -> Predictor:
         """Learn from scenes whose holes are known.
 
@@ -46,7 +46,7 @@ class Method(Protocol):
             folder: where models, checkpoints and loss curves go; a training that was cut short is
                 gone on with.
             seed: fixes everything that is drawn.
-            tell: wraps loops that take long.
+            track: wraps loops that take long.
 
         Raises:
             InputError: no example, one without holes' truth, all or no pixel without depth, or a

@@ -61,7 +61,7 @@ def main() -> None:
         aside.rename(part)
     emitter = "off" if asked.off else None
     sensor = resolve.load(asked.sensor, captures=str(part), emitter=emitter)
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         told = diagnose_captures(
             str(part),
             sensor,
@@ -70,7 +70,7 @@ def main() -> None:
             leave_out=asked.leave_out,
             residual=asked.residual,
             force=True,
-            tell=tell,
+            track=track,
         )
     print(as_text(told))
     print(f"{(time.perf_counter() - begun) / 60:.1f} minutes")

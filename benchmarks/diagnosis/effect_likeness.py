@@ -40,8 +40,8 @@ def main() -> None:
     subjects = [subject(scene, sensor) for scene in capture.open_set(asked.captures).scenes]
     chosen, _ = attribution.parted(subjects)
     for arm in attribution.open_arms(subjects, chosen):
-        with progress.on_stderr() as tell:
-            _, screen = attribution.screened(arm, chosen, always=True, cache=asked.cache, tell=tell)
+        with progress.on_stderr() as track:
+            _, screen = attribution.screened(arm, chosen, always=True, cache=asked.cache, track=track)
         print(f"{arm.value}:")
         for likeness, one, other in pairs(screen, asked.least):
             known = other in families.twins(effects.named(one))

@@ -35,8 +35,8 @@ def main() -> None:
     opened = capture.open_set(path)
     rooms = tuple(dict.fromkeys(scene.room for scene in opened.scenes))
     told: dict[str, list[Told]] = {}
-    with progress.on_stderr() as tell:
-        for held in tell(asked.rooms or rooms, "rooms"):
+    with progress.on_stderr() as track:
+        for held in track(asked.rooms or rooms, "rooms"):
             simulation = ndp_faro.simulation(asked, held, path)
             examples = captured.examples(opened, simulation=simulation)
             for control, method, wrong in CONTROLS:
@@ -45,7 +45,7 @@ def main() -> None:
                     [example for example in paired if example.room != held],
                     folder=asked.out / held / method,
                     seed=0,
-                    tell=tell,
+                    track=track,
                 )
                 for example, right in zip(paired, examples, strict=True):
                     if example.room == held:

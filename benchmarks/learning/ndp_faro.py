@@ -35,8 +35,8 @@ def simulation(asked: argparse.Namespace, room: str, path: Path) -> Simulation:
 
 
 def scenes(
-    asked: argparse.Namespace, path: Path, tell: progress.Progress
+    asked: argparse.Namespace, path: Path, track: progress.Progress
 ) -> Iterator[tuple[CapturedScene, Example]]:
     """Every scene, and the example it makes with its room's sensor."""
-    for scene in tell(capture.open_set(path).scenes, "scenes"):
+    for scene in track(capture.open_set(path).scenes, "scenes"):
         yield scene, captured.example(scene, simulation=simulation(asked, scene.room, path))

@@ -31,7 +31,7 @@ def main() -> None:
     path = ndp_faro.captures()
     opened = capture.open_set(path)
     print(f"{'room':>6}{'hidden':>8}{'log loss':>10}{'Brier skill':>13}{'AUC':>8}")
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         for room in asked.rooms:
             simulation = ndp_faro.simulation(asked, room, path)
             examples = captured.examples(opened, simulation=simulation)
@@ -40,7 +40,7 @@ def main() -> None:
                     [one for one in examples if one.room != room],
                     folder=asked.out / f"{room}-{share:g}",
                     seed=0,
-                    tell=tell,
+                    track=track,
                 )
                 found = classification(
                     pool(

@@ -30,9 +30,9 @@ def main() -> None:
     parser.add_argument("evaluation", type=Path)
     asked = parser.parse_args()
     real, drawn, overlap, flicker = [], {}, {}, {}
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         path = ndp_faro.captures()
-        for scene, example in ndp_faro.scenes(asked, path, tell):
+        for scene, example in ndp_faro.scenes(asked, path, track):
             ndp, counted = known_holes(example)
             real.append(holes.measure(ndp, counted))
             sequences = {SIMULATED: example.physics.one_draw_ndp[None]}

@@ -43,8 +43,8 @@ def main() -> None:
     asked = parser.parse_args()
     path = asked.captures or ndp_faro.captures()
     told: dict[str, list[Told]] = {}
-    with progress.on_stderr() as tell:
-        for scene, example in ndp_faro.scenes(asked, path, tell):
+    with progress.on_stderr() as track:
+        for scene, example in ndp_faro.scenes(asked, path, track):
             for folder in sorted((asked.evaluation / FOLDS / scene.room).iterdir()):
                 view = Told(example=example, probability=read_told(folder / f"{scene.name}.png"))
                 told.setdefault(folder.name, []).append(view)
@@ -56,7 +56,7 @@ def main() -> None:
                 told,
                 trials=asked.trials,
                 disturbance=Disturbance(most_m=move_m, most_deg=turn_deg),
-                tell=tell,
+                track=track,
             )
             _table(outcomes, move_m, turn_deg)
 

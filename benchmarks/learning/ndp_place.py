@@ -17,8 +17,8 @@ def main() -> None:
     """Print means over rooms for each smoothing."""
     asked = ndp_faro.parser(__doc__).parse_args()
     told = {sigma_px: [] for sigma_px in SIGMAS_PX}
-    with progress.on_stderr() as tell:
-        for _, example in ndp_faro.scenes(asked, ndp_faro.captures(), tell):
+    with progress.on_stderr() as track:
+        for _, example in ndp_faro.scenes(asked, ndp_faro.captures(), track):
             for sigma_px, of_it in told.items():
                 probability = physics_probability(example.physics, place_px=sigma_px)
                 of_it.append(Told(example=example, probability=probability))

@@ -33,10 +33,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
     out = parser.parse_args().out
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         if not (out / "varied" / RECORD).is_file():
             believed = with_values(presets.load("d435"), BELIEVED)
-            varied_cameras.write(out / "varied", SCENES, believed, seed=SEED, tell=tell)
+            varied_cameras.write(out / "varied", SCENES, believed, seed=SEED, track=track)
         camera = resolve.load("d435", captures=str(out / "varied"))
         for method in ("hybrid", "network"):
             if (out / f"{method}-varied" / RECORD).is_file():
@@ -49,7 +49,7 @@ def main() -> None:
                 if method in registry.ON_PHYSICS
                 else None,
                 steps=STEPS,
-                tell=tell,
+                track=track,
             )
 
 

@@ -40,9 +40,9 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, nargs="*", default=[1, 3, 10, 30, 100])
     parser.add_argument("--methods", nargs="*", default=METHODS)
     asked = parser.parse_args()
-    with progress.on_stderr() as tell:
-        learn = _captured(asked.out / "learn", LEARN, 1, tell)
-        judge = _captured(asked.out / "judge", JUDGE, 2, tell)
+    with progress.on_stderr() as track:
+        learn = _captured(asked.out / "learn", LEARN, 1, track)
+        judge = _captured(asked.out / "judge", JUDGE, 2, track)
         believed = resolve.load("d435", captures=str(learn), edits=DATA_SHEET)
         simulation = Simulation(sensor=believed, draws=DRAWS, cache=asked.out / "physics")
         rooms = [scene.room for scene in capture.open_set(learn).scenes]
@@ -53,14 +53,14 @@ def main() -> None:
             for method, start in tried:
                 name = method if start is None else f"{method} going on"
                 model = asked.out / f"{name.replace(' ', '-')}-{count}"
-                _train(model, method, learn, rooms[:count], simulation, start, tell)
+                _train(model, method, learn, rooms[:count], simulation, start, track)
                 found = evaluate_captures(
                     str(judge),
                     asked.out / f"judged-{model.name}",
                     Plan(methods=(), models=(model,)),
                     simulations=lambda _room: simulation,
                     force=True,
-                    tell=tell,
+                    track=track,
                 )
                 mean = found["methods"][method]
                 print(
@@ -70,13 +70,13 @@ def main() -> None:
                 )
 
 
-def _captured(folder, names, seed, tell):
+def _captured(folder, names, seed, track):
     if not (folder / RECORD).is_file():
-        captures.write(folder, names, seed=seed, tell=tell)
+        captures.write(folder, names, seed=seed, track=track)
     return folder
 
 
-def _train(folder, method, learn, rooms, simulation, start, tell):
+def _train(folder, method, learn, rooms, simulation, start, track):
     if not (folder / RECORD).is_file():
         train_captures.train_captures(
             method,
@@ -85,7 +85,7 @@ def _train(folder, method, learn, rooms, simulation, start, tell):
             simulation=simulation if method in registry.ON_PHYSICS else None,
             rooms=rooms,
             start=start,
-            tell=tell,
+            track=track,
         )
 
 

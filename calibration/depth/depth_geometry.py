@@ -32,7 +32,7 @@ def settle(
     sensor: Sensor,
     free: Sequence[str],
     *,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> DepthGeometry:
     """Add to scale and offset what the device's disparity has beyond the simulated one.
 
@@ -45,13 +45,13 @@ def settle(
         twins: rendered by the sensor.
         sensor: to start from.
         free: `scale`, `offset` or both.
-        tell: wraps the steps.
+        track: wraps the steps.
 
     Raises:
         InputError: as `disparity_scale.fit`, or an error beyond the sensor's range.
     """
     at = _step(twins, sensor, free)
-    for _ in tell(range(_MORE), "geometry"):
+    for _ in track(range(_MORE), "geometry"):
         change = np.array([at.last.scale, at.last.offset_px])
         if (np.abs(change) <= _SETTLED * np.sqrt(np.diagonal(at.last.covariance))).all():
             break

@@ -60,7 +60,7 @@ def fit_depth(
     sensor: Sensor,
     *,
     free: Sequence[str] = GROUPS,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> Solution:
     """Fit what depth and its holes tell: f b, disparity offset, scatter and thresholds.
 
@@ -74,7 +74,7 @@ def fit_depth(
         observations: with device depth, and reference depth or a posed mesh.
         sensor: to start from; it takes the captures' size, intrinsics and baseline.
         free: of `GROUPS`, what is fitted.
-        tell: wraps the loops over scenes and stages.
+        track: wraps the loops over scenes and stages.
 
     Returns:
         Estimates `focal_baseline` [px m], and by the table of effects `disparity_offset`,
@@ -86,8 +86,8 @@ def fit_depth(
         InputError: unknown groups, no captures or several cameras', a scene without device depth
             or without reference, or a reference of another scale.
     """
-    twins, start = _prepared(observations, sensor, free, tell)
-    fit = _fit(twins, start, free, tell)
+    twins, start = _prepared(observations, sensor, free, track)
+    fit = _fit(twins, start, free, track)
     return Solution(
         estimates=fit.estimates,
         covariance=fit.covariance,
@@ -104,7 +104,7 @@ def cross_validate(
     *,
     free: Sequence[str] = GROUPS,
     folds: int = 3,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Figures]:
     """Score every scene by a fit to the other rooms.
 
@@ -113,7 +113,7 @@ def cross_validate(
         sensor: likewise.
         free: likewise.
         folds: groups of rooms that are held out in turn, >= 2.
-        tell: wraps the loop over folds.
+        track: wraps the loop over folds.
 
     Returns:
         Each scene's figures as `Solution.scenes` of `fit_depth`, from fits that never saw its room.
@@ -127,9 +127,9 @@ def cross_validate(
         raise errors.refuse(
             "captures", "must be of two rooms", len(rooms), "One is held out, one is fitted."
         )
-    twins, start = _prepared(observations, sensor, free, tell)
+    twins, start = _prepared(observations, sensor, free, track)
     held: dict[str, Figures] = {}
-    for fold in tell(range(min(folds, len(rooms))), "cross-validate"):
+    for fold in track(range(min(folds, len(rooms))), "cross-validate"):
         out = set(rooms[fold::folds])
         fit = _fit([t for t in twins if t.room not in out], start, free, progress.silent)
         held |= side_by_side([t for t in twins if t.room in out], start, fit.sensor)
@@ -140,7 +140,7 @@ def _prepared(
     observations: Sequence[Observation],
     sensor: Sensor,
     free: Sequence[str],
-    tell: progress.Progress,
+    track: progress.Progress,
 ) -> tuple[list[DepthTwin], Sensor]:
     """Refuse what cannot be fitted, and render each scene as the start sees it."""
     for group in free:
@@ -173,7 +173,7 @@ def _prepared(
     start = info.geometry_into(sensor)
     twins = [
         twin(observation, start, seed=number)
-        for number, observation in enumerate(tell(observations, "render"))
+        for number, observation in enumerate(track(observations, "render"))
     ]
     for one in twins:
         _refuse_scale(one)
@@ -193,7 +193,7 @@ def _refuse_scale(one: DepthTwin) -> None:
 
 
 def _fit(
-    twins: Sequence[DepthTwin], start: Sensor, free: Sequence[str], tell: progress.Progress
+    twins: Sequence[DepthTwin], start: Sensor, free: Sequence[str], track: progress.Progress
 ) -> _Fit:
     """Fit geometry, then holes and scatter by it, then geometry once more by those."""
     moved = [name for name, group in _COLUMNS.items() if group in free]
@@ -201,13 +201,13 @@ def _fit(
     names += thresholds.CHECKS if "thresholds" in free else ()
     sensor, geometry, tuned = start, None, None
     if moved:
-        geometry = depth_geometry.settle(twins, sensor, moved, tell=tell)
+        geometry = depth_geometry.settle(twins, sensor, moved, track=track)
         sensor, twins = geometry.sensor, geometry.twins
     if names:
-        tuned = thresholds.tune(hole_places.compared(twins), sensor, names, tell=tell)
+        tuned = thresholds.tune(hole_places.compared(twins), sensor, names, track=track)
         sensor = tuned.sensor
     if geometry and tuned:
-        geometry = depth_geometry.settle(twins, sensor, moved, tell=tell)
+        geometry = depth_geometry.settle(twins, sensor, moved, track=track)
         sensor = geometry.sensor
     return _Fit(
         estimates=(

@@ -84,7 +84,7 @@ def tune(
     sensor: Sensor,
     names: Sequence[str],
     *,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> Tuning:
     """Fit the scatter and the thresholds of a sensor to the device's holes and scatter.
 
@@ -98,7 +98,7 @@ def tune(
         scenes: rendered by the sensor's geometry.
         sensor: to start from.
         names: of `SCATTER` and `CHECKS`, those to find.
-        tell: wraps the stages.
+        track: wraps the stages.
 
     Raises:
         InputError: if the sensor has no such setting.
@@ -110,7 +110,7 @@ def tune(
     checks = [name for name in CHECKS if name in names]
     stages = [stage for stage in ("scatter", "checks", "scatter again") if _due(stage, names)]
     scores = [trial.score(found)]
-    for stage in tell(stages, "search"):
+    for stage in track(stages, "search"):
         if stage == "checks":
             found |= _searched(trial, checks, found)
         else:

@@ -113,7 +113,7 @@ def settled(
     model: Model,
     *,
     rounds: int,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> Fitted:
     """Take rounds of place and image until the place stays, and say how sure it is.
 
@@ -122,7 +122,7 @@ def settled(
         sensor: of the captures.
         model: with one emitter, of an image, to begin from.
         rounds: at most.
-        tell: wraps the loop over rounds.
+        track: wraps the loop over rounds.
 
     Returns:
         The model; its variances are those of a sandwich over tiles and of a jackknife, for which
@@ -135,7 +135,7 @@ def settled(
     costs: list[float] = []
     last: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
     done = False
-    for _ in tell(range(rounds), "pattern"):
+    for _ in track(range(rounds), "pattern"):
         if done:
             continue
         rooms = _equations(views, sensor, model, seen)

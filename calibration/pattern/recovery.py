@@ -49,14 +49,14 @@ class Recovered:
 
 
 def recover(
-    views: Sequence[View], sensor: Sensor, *, tell: progress.Progress = progress.silent
+    views: Sequence[View], sensor: Sensor, *, track: progress.Progress = progress.silent
 ) -> Recovered:
     """Recover the pattern that some views show.
 
     Args:
         views: of lit surfaces that are known.
         sensor: whose projector's place and field are believed at first.
-        tell: wraps the loop over steps.
+        track: wraps the loop over steps.
 
     Raises:
         InputError: if no view shows anything of the projector's field.
@@ -81,7 +81,7 @@ def recover(
             fitted=pattern_fit.fit(views, sensor, replace(start, emitters=emitters)), image=image
         )
     model = replace(start, emitters=(Emission(position_m=position, source=image),))
-    return _of_image(image_recovery.settled(views, sensor, model, rounds=_ROUNDS, tell=tell))
+    return _of_image(image_recovery.settled(views, sensor, model, rounds=_ROUNDS, track=track))
 
 
 def again(recovered: Recovered, views: Sequence[View], sensor: Sensor) -> Recovered:

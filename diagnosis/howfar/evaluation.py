@@ -40,7 +40,7 @@ def judged(
     settings: Settings,
     arms: Sequence[Found],
     *,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> Judged:
     """Measure the gap of locked scenes before and after, and what noise alone makes.
 
@@ -52,9 +52,9 @@ def judged(
         locked: scenes that told nothing of which.
         settings: value by accepted effect.
         arms: whose features are looked at.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
     """
-    each = [_figures(one, settings) for one in tell(locked, "locked scenes")]
+    each = [_figures(one, settings) for one in track(locked, "locked scenes")]
     before, after, floor = ([figures[part] for figures in each] for part in range(3))
     shares: dict[str, float] = {}
     for arm in arms:

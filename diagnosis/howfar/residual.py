@@ -80,7 +80,7 @@ def learn(
     locked: Sequence[Subject],
     settings: Settings,
     *,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> Residual:
     """Learn the residual of the base, of the simulator with effects, and of one that is right.
 
@@ -91,7 +91,7 @@ def learn(
         asked: subjects to learn from.
         locked: subjects to judge on.
         settings: value by accepted effect.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
 
     Raises:
         InputError: if no scene is locked, or nothing can be learnt from those that are asked
@@ -103,13 +103,13 @@ def learn(
     subjects = [*asked, *locked]
 
     def simulated(by: Settings) -> list[Physics]:
-        each = tell(subjects, "holes simulated")
+        each = track(subjects, "holes simulated")
         return [one.physics(by, seeds=range(DRAWS)) for one in each]
 
     def told(physics: Sequence[Physics], real: Callable[[Subject], Reading]) -> _Told:
         pairs = zip(subjects, physics, strict=True)
         many = [_example(one, known, real(one)) for one, known in pairs]
-        return _judged(method, many[: len(asked)], many[len(asked) :], tell)
+        return _judged(method, many[: len(asked)], many[len(asked) :], track)
 
     base = simulated({})
     with_effects = simulated(settings) if settings else base
@@ -129,10 +129,10 @@ def _judged(
     method: Method,
     learnt_from: Sequence[Example],
     held: Sequence[Example],
-    tell: progress.Progress,
+    track: progress.Progress,
 ) -> _Told:
     with tempfile.TemporaryDirectory() as folder:
-        predictor = method.fit(learnt_from, folder=Path(folder), seed=_SEED, tell=tell)
+        predictor = method.fit(learnt_from, folder=Path(folder), seed=_SEED, track=track)
     found = _Told([], [])
     for one in held:
         assert one.physics is not None

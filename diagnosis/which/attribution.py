@@ -74,7 +74,7 @@ def screened(
     always: bool = False,
     cache: Path | None = None,
     crew: Crew | None = None,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> tuple[Bench, Screen]:
     """Simulate what may have acted in one arm.
 
@@ -85,10 +85,10 @@ def screened(
         always: as `arms.screen`.
         cache: folder that keeps what is simulated, for other runs.
         crew: who simulates; None: this process.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
     """
     table = bench(asked, arm, cache=cache, crew=crew)
-    return table, arms.screen(table, tried(arm, asked, families), always=always, tell=tell)
+    return table, arms.screen(table, tried(arm, asked, families), always=always, track=track)
 
 
 def tried(
@@ -116,16 +116,16 @@ def named(
     screens: Sequence[tuple[Bench, Screen]],
     locked: Sequence[Subject],
     *,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> Named:
     """Name effects, and judge them on locked scenes.
 
     Args:
         screens: of each arm.
         locked: subjects that had no say.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
     """
-    found = tuple(arms.diagnosed(table, screen) for table, screen in tell(screens, "search"))
+    found = tuple(arms.diagnosed(table, screen) for table, screen in track(screens, "search"))
     settings = {name: value for arm in found for name, value in arm.settings.items()}
     together = not settings or _settable(found[0].bench.subjects[0], settings)
     asked = locked and settings and together
@@ -134,7 +134,7 @@ def named(
         arms=found,
         settings=settings,
         together=together,
-        howfar=judged(locked, settings, found, tell=tell) if asked else None,
+        howfar=judged(locked, settings, found, track=track) if asked else None,
     )
 
 

@@ -112,7 +112,7 @@ def screen(
     candidates: Sequence[Candidate],
     *,
     always: bool = False,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> Screen:
     """Simulate what may have acted.
 
@@ -120,7 +120,7 @@ def screen(
         bench: subjects and arm.
         candidates: all that may have acted.
         always: also matcher and filters where no feature is off, which cannot have acted.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
     """
     base = null.base(bench)
     if bench.arm is Arm.DEPTH and not always and _same(bench, base):
@@ -131,7 +131,7 @@ def screen(
             bench.begin({one.name: node})
     rough = tuple(
         made
-        for one in tell(candidates, f"effects on the {bench.arm.value}")
+        for one in track(candidates, f"effects on the {bench.arm.value}")
         if (made := signature(one, bench, coarse(one))) is not None
     )
     weight = weights(rough, base.deviation)

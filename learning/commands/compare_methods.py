@@ -61,7 +61,7 @@ def compare_methods(
     *,
     simulation: Simulation | None = None,
     seed: int = 0,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> tuple[dict[str, Any], bytes]:
     """Draw holes by several methods and compare them with the device's.
 
@@ -70,7 +70,7 @@ def compare_methods(
         methods: what says where depth is missing, by name.
         simulation: for methods that build on physics.
         seed: of the holes that are drawn.
-        tell: wraps the loop over scenes.
+        track: wraps the loop over scenes.
 
     Returns:
         `{"real": {"ndp_rate"}, "methods": {NAME: {"ndp_rate", "ndp_iou", "area_ks", "perimeter_ks",
@@ -86,7 +86,7 @@ def compare_methods(
     overlap: dict[str, list[tuple[int, int]]] = {name: [] for name in methods}
     real: list[Holes] = []
     rows: list[list[Panel]] = []
-    for scene in tell(captures.scenes, "compare"):
+    for scene in track(captures.scenes, "compare"):
         example = captured.example(scene, simulation=simulation)
         ndp, counted = known_holes(example)
         real.append(holes.measure(ndp, counted))

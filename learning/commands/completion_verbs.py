@@ -50,8 +50,8 @@ def complete(
     from starling.learning.completion.commands.complete_captures import complete_captures
     from starling.sim.console import progress
 
-    with progress.on_stderr() as tell:
-        result = complete_captures(captures, method, out, picture=picture, force=force, tell=tell)
+    with progress.on_stderr() as track:
+        result = complete_captures(captures, method, out, picture=picture, force=force, track=track)
     shell.say(result, json=common.json)
 
 
@@ -97,7 +97,7 @@ def train_completion(
     from starling.learning.completion.commands.train_captures import train_captures
     from starling.sim.console import progress
 
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         result = train_captures(
             captures,
             out,
@@ -113,7 +113,7 @@ def train_completion(
             steps=steps,
             seed=seed,
             force=force,
-            tell=tell,
+            track=track,
         )
     shell.say(result, json=common.json)
 
@@ -152,7 +152,7 @@ def evaluate_completion(
     from starling.learning.completion.commands.judge_captures import judge_captures
     from starling.sim.console import progress
 
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         result = judge_captures(
             captures,
             methods,
@@ -164,7 +164,7 @@ def evaluate_completion(
             frames=frames,
             seed=seed,
             force=force,
-            tell=tell,
+            track=track,
         )
     shell.say(result, json=common.json)
 

@@ -65,7 +65,7 @@ def evaluate_captures(
     simulations: Simulations | None = None,
     force: bool = False,
     asked: Mapping[str, Any] | None = None,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Judge methods room by room; what was cut short is gone on with when asked for again.
 
@@ -76,7 +76,7 @@ def evaluate_captures(
         simulations: for methods that build on physics.
         force: drop what starling left in the folder.
         asked: more arguments for the record.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
 
     Returns:
         Figures of every method (see `starling.learning.evaluation.report.figures`), "icp" (see
@@ -118,17 +118,17 @@ def evaluate_captures(
     }
     work_folder.begin(out, arguments, force=force)
     told: dict[str, list[Told]] = {name: [] for name in names}
-    for held in tell(held_out, "rooms"):
+    for held in track(held_out, "rooms"):
         fold = _Fold(opened, held, learnt_from[held], simulated.get(held))
         for name in names:
             folder = out / FOLDS / held / name
-            learnt = partial(_learnt, fold, methods[name], models.get(name), folder, plan, tell)
+            learnt = partial(_learnt, fold, methods[name], models.get(name), folder, plan, track)
             told[name] += _told(fold, folder, learnt)
     scores = {name: evaluate.scores(of_it) for name, of_it in told.items()}
     figures = report.figures(scores, seed=plan.seed)
     figures["icp"] = {}
     if plan.icp:
-        outcomes = case_study.case_study(opened, told, trials=plan.icp, seed=plan.seed, tell=tell)
+        outcomes = case_study.case_study(opened, told, trials=plan.icp, seed=plan.seed, track=track)
         figures["icp"] = case_study.figures(outcomes)
     output.write_file(out / "curves.png", pictures.curves(scores), force=True)
     output.write_file(out / "scenes.png", pictures.scenes(told), force=True)
@@ -172,12 +172,12 @@ def _learnt(
     model: Predictor | None,
     folder: Path,
     plan: Plan,
-    tell: progress.Progress,
+    track: progress.Progress,
 ) -> Predictor:
     """The model where there is one, else what the method learns from the fold's rooms."""
     if model is not None:
         return model
-    return method.fit(fold.learnt_from, folder=folder, seed=plan.seed, tell=tell)
+    return method.fit(fold.learnt_from, folder=folder, seed=plan.seed, track=track)
 
 
 def _told(fold: _Fold, folder: Path, predictor: Callable[[], Predictor]) -> list[Told]:

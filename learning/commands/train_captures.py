@@ -33,7 +33,7 @@ def train_captures(
     seed: int = 0,
     force: bool = False,
     asked: Mapping[str, Any] | None = None,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Train a method; what was cut short is gone on with when asked for again.
 
@@ -48,7 +48,7 @@ def train_captures(
         seed: of everything drawn.
         force: drop what starling left in the folder.
         asked: more arguments for the record.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
 
     Returns:
         `{"method", "scenes", "ndp_rate", "out", "seconds"}`.
@@ -83,9 +83,9 @@ def train_captures(
         opened,
         rooms=rooms,
         simulation=simulation,
-        tell=tell,
+        track=track,
     )
-    chosen.fit(learnt_from, folder=out, seed=seed, tell=tell)
+    chosen.fit(learnt_from, folder=out, seed=seed, track=track)
     figures = {
         "method": method,
         "scenes": [example.scene for example in learnt_from],

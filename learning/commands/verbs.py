@@ -69,7 +69,7 @@ def train(
         simulation = _simulation(
             sensor, captures, draws=draws, seed=seed, even=even, edits=edits, cache=cache
         )
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         result = train_captures.train_captures(
             method,
             captures,
@@ -81,7 +81,7 @@ def train(
             seed=seed,
             force=force,
             asked={"sensor": sensor, "draws": draws, "even": even, "set": edits},
-            tell=tell,
+            track=track,
         )
     shell.say(result, json=common.json)
 
@@ -149,7 +149,7 @@ def evaluate(
         icp=icp,
         seed=seed,
     )
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         result = evaluate_captures.evaluate_captures(
             captures,
             out,
@@ -157,7 +157,7 @@ def evaluate(
             simulations=simulations if sensor else None,
             force=force,
             asked={"sensor": sensor, "draws": draws, "even": even, "set": edits},
-            tell=tell,
+            track=track,
         )
     shell.say(result, json=common.json)
 
@@ -204,8 +204,8 @@ def compare(
     if sim and out is not None:
         raise refuse("out", "must come with methods", out, "`starling show` draws two captures.")
     if not methods:
-        with progress.on_stderr() as tell:
-            result = comparison.compare(capture.open_set(real), capture.open_set(sim), tell=tell)
+        with progress.on_stderr() as track:
+            result = comparison.compare(capture.open_set(real), capture.open_set(sim), track=track)
         shell.say(result, json=common.json)
         return
     from starling.learning.commands import compare_methods
@@ -215,13 +215,13 @@ def compare(
     simulation = None
     if sensor is not None:
         simulation = _simulation(sensor, real, draws=draws, seed=seed, edits=edits, cache=cache)
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         result, picture = compare_methods.compare_methods(
             capture.open_set(real),
             compare_methods.predictors(methods),
             simulation=simulation,
             seed=seed,
-            tell=tell,
+            track=track,
         )
     if out is not None:
         output.write_file(out, picture, force=force)

@@ -43,7 +43,7 @@ def examples(
     *,
     rooms: Sequence[str] | None = None,
     simulation: Simulation | None = None,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> list[Example]:
     """Read scenes whose holes are known.
 
@@ -51,14 +51,14 @@ def examples(
         captures: with reference depth and the device's own.
         rooms: those that are read; None reads all.
         simulation: gives the examples physics; None leaves it out.
-        tell: wraps the loop over scenes.
+        track: wraps the loop over scenes.
 
     Raises:
         InputError: if a room is unknown, or whatever is wrong with a scene.
     """
     check_rooms(captures, rooms or ())
     wanted = [scene for scene in captures.scenes if rooms is None or scene.room in rooms]
-    return [example(scene, simulation=simulation) for scene in tell(wanted, "scenes")]
+    return [example(scene, simulation=simulation) for scene in track(wanted, "scenes")]
 
 
 def check_rooms(captures: CaptureSet, rooms: Sequence[str]) -> None:

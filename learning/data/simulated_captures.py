@@ -31,7 +31,7 @@ def write(
     seed: int,
     arguments: Mapping[str, Any],
     force: bool = False,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Let a camera look at builtin scenes, each a room of its own, and write a capture set.
 
@@ -44,7 +44,7 @@ def write(
         seed: of the set; each capture's follows from it and the scene's name.
         arguments: for the record.
         force: replace a set made before.
-        tell: wraps the loop over scenes.
+        track: wraps the loop over scenes.
 
     Returns:
         Share of no-depth pixels by scene.
@@ -58,7 +58,7 @@ def write(
     info = writer.info_of(camera, source=f"{verb} camera", licence="Apache-2.0", notes="simulated")
     rates = {}
     with OutputFolder(out, force=force) as folder:
-        for name in tell(names, f"{verb} captures"):
+        for name in track(names, f"{verb} captures"):
             believed = sources.load(name, camera)
             shot = shoot(believed, scene_seed(seed, name))
             place, step_m = name.replace(":", "-"), camera.post.depth_unit_m

@@ -63,7 +63,7 @@ def write(
     seed: int = 0,
     samples: int = 4,
     force: bool = False,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Let a camera of its own look at each builtin scene, and write a capture set.
 
@@ -74,7 +74,7 @@ def write(
         seed: of the set.
         samples: paths a coarse pixel of indirect light.
         force: replace a set made before.
-        tell: wraps the loop over scenes.
+        track: wraps the loop over scenes.
 
     Returns:
         Share of no-depth pixels by scene.
@@ -91,7 +91,7 @@ def write(
         seed=seed,
         arguments={"samples": samples},
         force=force,
-        tell=tell,
+        track=track,
     )
 
 

@@ -26,7 +26,7 @@ def case_study(
     trials: int,
     disturbance: Disturbance = _SLIGHT,
     seed: int = 0,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Outcome]:
     """Align the objects of scenes in the device's depth and in what methods draw.
 
@@ -36,7 +36,7 @@ def case_study(
         trials: first guesses an object.
         disturbance: how far they are off.
         seed: of holes and first guesses.
-        tell: wraps the loop over scenes.
+        track: wraps the loop over scenes.
 
     Returns:
         Pose errors by method; the device's are under `REAL`.
@@ -46,7 +46,7 @@ def case_study(
     """
     captured = {scene.name: scene for scene in captures.scenes}
     outcomes = []
-    for views in tell(list(zip(*told.values(), strict=True)), "align"):
+    for views in track(list(zip(*told.values(), strict=True)), "align"):
         example = views[0].example
         scene = captured[example.scene]
         pieces = pieces_of(scene)

@@ -71,7 +71,7 @@ def align(
     disturbance: Disturbance,
     trials: int,
     seed: int,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Outcome]:
     """Disturb every object of a scene and align it again in every method's depth image.
 
@@ -85,7 +85,7 @@ def align(
         disturbance: how far first guesses are off.
         trials: first guesses an object, 2 or more.
         seed: fixes them.
-        tell: wraps the loops over objects.
+        track: wraps the loops over objects.
 
     Raises:
         InputError: no object, no real depth, an image without depth or of another shape, or fewer
@@ -112,7 +112,7 @@ def align(
         seen = [alignment.visible_share(piece, image) >= LEAST_VISIBLE for piece in pieces]
         shown = cloud.surface(image, info) if any(seen) else None
         for number, (piece, at) in enumerate(
-            zip(tell(pieces, f"align in {name}"), posed, strict=True)
+            zip(track(pieces, f"align in {name}"), posed, strict=True)
         ):
             if shown is None or not seen[number]:
                 continue

@@ -87,7 +87,7 @@ class CycleGan:
         *,
         folder: Path,
         seed: int,
-        tell: progress.Progress = progress.silent,
+        track: progress.Progress = progress.silent,
     ) -> TranslationPredictor:
         """Learn, or go on with what lies in the folder, and leave the weights there.
 
@@ -106,7 +106,7 @@ class CycleGan:
             name=self.name,
             folder=folder,
             seed=seed,
-            tell=tell,
+            track=track,
         )
 
     def load(self, folder: Path) -> TranslationPredictor:

@@ -98,7 +98,7 @@ class Hybrid:
         *,
         folder: Path,
         seed: int,
-        tell: progress.Progress = progress.silent,
+        track: progress.Progress = progress.silent,
     ) -> HybridPredictor:
         """Learn, or go on with what lies in the folder, and leave the weights there.
 
@@ -114,7 +114,7 @@ class Hybrid:
             with_physics=True,
             folder=folder,
             seed=seed,
-            tell=tell,
+            track=track,
         )
         assert isinstance(network, LogitCorrection)
         return HybridPredictor(network, self.with_reflectance, examples[0].info.shape)

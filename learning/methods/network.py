@@ -64,7 +64,7 @@ class Network:
         *,
         folder: Path,
         seed: int,
-        tell: progress.Progress = progress.silent,
+        track: progress.Progress = progress.silent,
     ) -> NetworkPredictor:
         """Learn, or go on with what lies in the folder, and leave the weights there.
 
@@ -80,7 +80,7 @@ class Network:
             with_physics=False,
             folder=folder,
             seed=seed,
-            tell=tell,
+            track=track,
         )
         return NetworkPredictor(network, self.with_reflectance, examples[0].info.shape)
 

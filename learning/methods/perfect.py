@@ -34,10 +34,10 @@ class Perfect:
         *,
         folder: Path,
         seed: int,
-        tell: progress.Progress = progress.silent,
+        track: progress.Progress = progress.silent,
     ) -> PerfectPredictor:
         """Learn nothing, from anything; writes no file."""
-        del examples, folder, seed, tell
+        del examples, folder, seed, track
         return PerfectPredictor()
 
     def load(self, folder: Path) -> PerfectPredictor:

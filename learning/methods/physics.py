@@ -55,7 +55,7 @@ class Simulated:
         *,
         folder: Path,
         seed: int,
-        tell: progress.Progress = progress.silent,
+        track: progress.Progress = progress.silent,
     ) -> SimulatedPredictor:
         """Fit slope and offset of the logit where that was asked for; scenes count alike.
 
@@ -68,7 +68,7 @@ class Simulated:
             return SimulatedPredictor()
         check_learnable(examples)
         told, ndp, weight = [], [], []
-        for example in tell(examples, "physics"):
+        for example in track(examples, "physics"):
             holes, counted = known_holes(example)
             told.append(physics_probability(given_physics(example))[counted])
             ndp.append(holes[counted])

@@ -116,7 +116,7 @@ class Pix2Pix:
         *,
         folder: Path,
         seed: int,
-        tell: progress.Progress = progress.silent,
+        track: progress.Progress = progress.silent,
     ) -> TranslationPredictor:
         """Learn, or go on with what lies in the folder, and leave the weights there.
 
@@ -134,7 +134,7 @@ class Pix2Pix:
             name=self.name,
             folder=folder,
             seed=seed,
-            tell=tell,
+            track=track,
         )
 
     def load(self, folder: Path) -> TranslationPredictor:

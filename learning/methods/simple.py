@@ -70,7 +70,7 @@ class Simple:
         *,
         folder: Path,
         seed: int,
-        tell: progress.Progress = progress.silent,
+        track: progress.Progress = progress.silent,
     ) -> SimplePredictor:
         """Count holes by angle and make the shares rise; nothing is drawn.
 
@@ -81,7 +81,7 @@ class Simple:
         check_learnable(examples)
         holes, pixels = np.zeros(_BINS), np.zeros(_BINS)
         edges = np.linspace(0, 90, _BINS + 1)
-        for example in tell(examples, "incidence"):
+        for example in track(examples, "incidence"):
             ndp, counted = known_holes(example)
             angle = incidence_deg(example)
             each = 1 / np.count_nonzero(counted)

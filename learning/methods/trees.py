@@ -105,7 +105,7 @@ class Trees:
         *,
         folder: Path,
         seed: int,
-        tell: progress.Progress = progress.silent,
+        track: progress.Progress = progress.silent,
     ) -> TreesPredictor:
         """Learn in one go and leave the trees in the folder, in the place of older ones.
 
@@ -118,10 +118,10 @@ class Trees:
                 lacks what the features need.
         """
         check_learnable(examples)
-        drawn = join([self._drawn(example, seed) for example in tell(examples, "features")])
+        drawn = join([self._drawn(example, seed) for example in track(examples, "features")])
         bins = equal_count_bins(drawn.values)
         pixels = dataclasses.replace(drawn, values=bins.numbers(drawn.values).astype(np.float32))
-        rounds, recalibration = self._held_out(pixels, seed, tell)
+        rounds, recalibration = self._held_out(pixels, seed, track)
         model = self._boosted(rounds, seed)
         model.fit(pixels.values, pixels.ndp, sample_weight=pixels.weight)
         learnt = TreesPredictor(
@@ -181,13 +181,13 @@ class Trees:
         )
 
     def _held_out(
-        self, pixels: DrawnPixels, seed: int, tell: progress.Progress
+        self, pixels: DrawnPixels, seed: int, track: progress.Progress
     ) -> tuple[int, Recalibration]:
         """Number of trees and recalibration that suit rooms which were not learnt from."""
         rooms = generator(seed, 0, "learning", "folds").permutation(np.unique(pixels.room))
         best: list[int] = []
         forests: list[tuple[Forest, NDArray[np.bool_]]] = []
-        for fold in tell(np.array_split(rooms, min(self.folds, len(rooms))), "held-out rooms"):
+        for fold in track(np.array_split(rooms, min(self.folds, len(rooms))), "held-out rooms"):
             out = np.isin(pixels.room, fold)
             others, held = pixels.where(~out), pixels.where(out)
             if others.ndp.all() or not others.ndp.any():

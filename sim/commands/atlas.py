@@ -68,7 +68,7 @@ def atlas(
     *,
     names: Iterable[str] = (),
     force: bool = False,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Draw effects, each beside the same camera without it.
 
@@ -80,7 +80,7 @@ def atlas(
         sensor: whose geometry, pattern and matcher are used.
         names: effects to draw; all where empty.
         force: replace an atlas made before.
-        tell: wraps the loop over effects.
+        track: wraps the loop over effects.
 
     Returns:
         `{"out", "files", "seconds", "effects": {NAME: {"value", "without", "with"}}}`.
@@ -99,7 +99,7 @@ def atlas(
     plain: dict[int, _Seen] = {}  # By the camera's `id`: most are drawn beside one of two.
     figures: dict[str, Any] = {}
     with OutputFolder(out, force=force) as folder:
-        for drawing in tell(drawings, "atlas"):
+        for drawing in track(drawings, "atlas"):
             row, base = drawing.row, drawing.without
             if id(base) not in plain:
                 plain[id(base)] = _seen(*base)

@@ -35,7 +35,7 @@ _SEARCH_PX = 128
 
 
 def bench(
-    *, repeats: int = 5, samples: int = 16, tell: progress.Progress = progress.silent
+    *, repeats: int = 5, samples: int = 16, track: progress.Progress = progress.silent
 ) -> dict[str, Any]:
     """Time the whole pipeline on `clutter` at 1280x720 and its floor, turn by turn.
 
@@ -45,7 +45,7 @@ def bench(
     Args:
         repeats: rounds; medians are reported.
         samples: paths a coarse pixel for the rate with indirect light.
-        tell: wraps the loop over rounds, the first of which compiles and does not count.
+        track: wraps the loop over rounds, the first of which compiles and does not count.
 
     Returns:
         Medians [s], their ratios to the floor, stage times [ms] and peak memory [GiB].
@@ -71,7 +71,7 @@ def bench(
         "effects_all": _effects(layers, *_all_on(scene, sensor)),
     }
     times = {name: [] for name in jobs}
-    for _ in tell(range(repeats + 1), "bench"):
+    for _ in track(range(repeats + 1), "bench"):
         for name, job in jobs.items():
             started = time.perf_counter()
             job()

@@ -38,7 +38,7 @@ class _Reading:
 
 
 def compare(
-    real: CaptureSet, sim: CaptureSet, *, tell: progress.Progress = progress.silent
+    real: CaptureSet, sim: CaptureSet, *, track: progress.Progress = progress.silent
 ) -> dict[str, Any]:
     """Compare the first frames of the scenes that both sets hold.
 
@@ -56,7 +56,7 @@ def compare(
     Args:
         real: captures of a device.
         sim: captures of the same scenes, simulated, with the same image size.
-        tell: wraps the loop over scenes.
+        track: wraps the loop over scenes.
 
     Returns:
         `{"metrics": {NAME: {"real", "sim", "gap"}}, "scenes": {SCENE: {NAME: {...}}},
@@ -67,7 +67,7 @@ def compare(
         InputError: if no scene is in both sets, image sizes differ, or an image is refused.
     """
     pairs = pair_scenes(real, sim)
-    scenes = {a.name: _compare_scene(a, b) for a, b in tell(pairs, "compare")}
+    scenes = {a.name: _compare_scene(a, b) for a, b in track(pairs, "compare")}
     names = {scene.name for scene, _ in pairs}
     return {
         "metrics": _medians(scenes),

@@ -36,7 +36,7 @@ def generate(
     from starling.sim.console import progress
     from starling.sim.datasets import generate as generation
 
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         result = generation.generate(
             plan,
             out,
@@ -44,7 +44,7 @@ def generate(
             ray=ray,
             layout=layout,
             shard_frames=shard_frames,
-            tell=tell,
+            track=track,
         )
     shell.say(result, json=common.json)
 
@@ -65,8 +65,8 @@ def verify(captures: Positional[Path], *, sample: int = 8, common: Shared = Comm
     from starling.sim.console import progress
     from starling.sim.datasets import verify as verification
 
-    with progress.on_stderr() as tell:
-        result = verification.verify(captures, sample=sample, tell=tell)
+    with progress.on_stderr() as track:
+        result = verification.verify(captures, sample=sample, track=track)
     shell.say(result, json=common.json)
     if result["missing"] or result["duplicate"] or result["differing"]:
         sys.exit(1)
@@ -136,7 +136,7 @@ def fuse(
     from starling.sim.captures.fusion.fused import Fusion
     from starling.sim.console import progress
 
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         result = fusing(
             streams,
             out,
@@ -145,7 +145,7 @@ def fuse(
             sensor=sensor,
             fusion=Fusion(voxel_m=voxel, band_m=band, far_m=far, every=every, least=least),
             force=force,
-            tell=tell,
+            track=track,
         )
     shell.say(result, json=common.json)
 

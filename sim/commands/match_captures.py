@@ -31,7 +31,7 @@ def match_captures(
     out: Path | None = None,
     force: bool = False,
     asked: Mapping[str, Any] | None = None,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Match the first frame of every scene and measure the outcome.
 
@@ -41,7 +41,7 @@ def match_captures(
         out: folder to make: our depth as a capture set. None writes nothing.
         force: replace a folder made before.
         asked: more arguments for the record, as they were typed: sensor, edits.
-        tell: wraps the loop over scenes.
+        track: wraps the loop over scenes.
 
     Returns:
         `{"scenes": {NAME: {"ours": F, "device": F, "agreement": F}}, "median": {...}}`, F as
@@ -58,12 +58,12 @@ def match_captures(
     scenes = opened.scenes
     figures: dict[str, Any] = {}
     if out is None:
-        for scene in tell(scenes, "match"):
+        for scene in track(scenes, "match"):
             figures[scene.name] = _figures(scene, _match(scene, sensor))
         return {"scenes": figures, "median": _medians(figures)}
     refuse_own_input(out, opened.path)
     with OutputFolder(out, force=force) as folder:
-        for scene in tell(scenes, "match"):
+        for scene in track(scenes, "match"):
             found = _match(scene, sensor)
             figures[scene.name] = _figures(scene, found)
             _write(folder, scene, found)

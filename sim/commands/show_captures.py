@@ -24,7 +24,7 @@ def show_captures(
     against: str | None = None,
     frame: int = 0,
     force: bool = False,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Draw captures into one PNG file, or several scenes into a folder of them.
 
@@ -34,7 +34,7 @@ def show_captures(
         against: a second one, drawn beside the first scene by scene: the simulated one.
         frame: number of the frame.
         force: replace what was drawn before.
-        tell: wraps the loop over scenes.
+        track: wraps the loop over scenes.
 
     Returns:
         `{"out", "files"}`.
@@ -64,7 +64,7 @@ def show_captures(
         output.write_file(out, capture_picture.picture(scene, frame, against=other), force=force)
         return {"out": str(out), "files": 1}
     with output.OutputFolder(out, force=force) as folder:
-        for scene, other in tell(pairs, "show"):
+        for scene, other in track(pairs, "show"):
             folder.write(f"{scene.name}.png", capture_picture.picture(scene, frame, against=other))
         folder.write(
             output.RECORD,

@@ -77,7 +77,7 @@ def simulate_captures(
     effects: Mapping[str, Value] | None = None,
     force: bool = False,
     asked: Mapping[str, Any] | None = None,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Simulate one scene or every scene of a capture set and write a capture set.
 
@@ -100,7 +100,7 @@ def simulate_captures(
         effects: what to set on the sensor and on every scene (see `starling.sim.effects.setting.apply`).
         force: replace a set made before.
         asked: more arguments for the record, as they were typed: sensor, edits.
-        tell: wraps the loop over frames.
+        track: wraps the loop over frames.
 
     Returns:
         `{"out", "files", "seconds", "scenes": {NAME: {"ndp_rate", "mean_dn", ...}}}`.
@@ -129,7 +129,7 @@ def simulate_captures(
         plan.sensor, source=f"starling simulate {scene}", licence=licence, notes=notes
     )
     with OutputFolder(out, force=force) as folder:
-        figures = _write_scenes(folder, _shots(tasks, plan, tell), plan)
+        figures = _write_scenes(folder, _shots(tasks, plan, track), plan)
         arguments = {
             "scene": scene,
             "frames": frames,
@@ -242,13 +242,13 @@ def _known(task: _Task, world_from_left: Pose, folder: Path) -> SceneFile | None
     return known_geometry.describe(task.text, world_from_left, folder)
 
 
-def _shots(tasks: list[_Task], plan: _Plan, tell: progress.Progress) -> Iterator[_Reading]:
+def _shots(tasks: list[_Task], plan: _Plan, track: progress.Progress) -> Iterator[_Reading]:
     """Give every frame of every scene; a scene is rendered once and read out `frames` times."""
     from starling.sim.simulate import sequence
 
     shots: Iterator[Shot] = iter(())
     picture, samples, world_from_left = None, 0, np.eye(4)
-    for task, number in tell(list(product(tasks, range(plan.frames))), "simulate"):
+    for task, number in track(list(product(tasks, range(plan.frames))), "simulate"):
         if number == 0:
             scene = _scene(task.text, plan)
             picture, world_from_left = rgb(scene, plan.sensor), scene.world_from_left

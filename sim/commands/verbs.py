@@ -118,7 +118,7 @@ def simulate(
         note=progress.note_on_stderr,
     )
 
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         result = simulate_captures.simulate_captures(
             scene,
             camera,
@@ -134,7 +134,7 @@ def simulate(
                 "emitter": emitter,
                 "set": edits,
             },
-            tell=tell,
+            track=track,
         )
     shell.say(result, json=common.json)
 
@@ -173,7 +173,7 @@ def match(
         edits=(*chosen, *edits),
         note=progress.note_on_stderr,
     )
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         result = match_captures.match_captures(
             captures,
             camera,
@@ -185,7 +185,7 @@ def match(
                 "device_preset": device_preset,
                 "set": edits,
             },
-            tell=tell,
+            track=track,
         )
     shell.say(result, json=common.json)
 
@@ -213,9 +213,9 @@ def show(
     from starling.sim.commands import show_captures
     from starling.sim.console import progress
 
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         result = show_captures.show_captures(
-            captures, out, against=against or None, frame=frame, force=force, tell=tell
+            captures, out, against=against or None, frame=frame, force=force, track=track
         )
     shell.say(result, json=common.json)
 
@@ -242,8 +242,8 @@ def atlas(
     from starling.sim.console import progress
     from starling.sim.sensor import resolve as asked_sensor
 
-    with progress.on_stderr() as tell:
-        result = drawing.atlas(out, asked_sensor.load(sensor), names=names, force=force, tell=tell)
+    with progress.on_stderr() as track:
+        result = drawing.atlas(out, asked_sensor.load(sensor), names=names, force=force, track=track)
     shell.say(result, json=common.json)
 
 
@@ -285,7 +285,7 @@ def sweep(
     camera = asked_sensor.load(sensor, edits=edits)
     axes = {"baseline_m": baseline_m, "focal_px": focal_px}
     axes |= {"projector_x_m": projector_x_m, "dot_density": dot_density}
-    with progress.on_stderr() as tell:
+    with progress.on_stderr() as track:
         result = sweeping.run(
             camera,
             axes,
@@ -295,7 +295,7 @@ def sweep(
             seed=seed,
             force=force,
             asked={"sensor": sensor, "set": edits},
-            tell=tell,
+            track=track,
         )
     shell.say(result, json=common.json)
 
@@ -308,8 +308,8 @@ def bench(*, common: Shared = Common()) -> None:
     from starling.sim.commands import bench as benchmark
     from starling.sim.console import progress
 
-    with progress.on_stderr() as tell:
-        result = benchmark.bench(tell=tell)
+    with progress.on_stderr() as track:
+        result = benchmark.bench(track=track)
     shell.say(result, json=common.json)
 
 

@@ -33,7 +33,7 @@ def generate(
     ray: str = "",
     layout: Layout = "folders",
     shard_frames: int = SHARD_FRAMES,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Make a data set, or go on with one; what is whole on disk is not made again.
 
@@ -44,7 +44,7 @@ def generate(
         ray: address of a Ray cluster that makes it in their stead; see `starling.sim.datasets.ray_workers`.
         layout: a folder each view, or archives in WebDataset's layout.
         shard_frames: of an archive, and of what a worker makes at a time.
-        tell: wraps the loop over tasks.
+        track: wraps the loop over tasks.
 
     Returns:
         `{"out", "frames", "missing", "duplicate", "differing", "skipped", "frames_per_s",
@@ -75,7 +75,7 @@ def generate(
                 if ray
                 else local_workers.made(asked, info, out, left, workers or cores())
             )
-            for one in _told(made, left, tell):
+            for one in _told(made, left, track):
                 folder.put(one)
                 new += len(one.rows)
             folder.finish({"verb": "generate", "layout": layout})
@@ -96,9 +96,9 @@ def generate(
     }
 
 
-def _told(made: Iterator[Made], left: Sequence[Task], tell: progress.Progress) -> Iterator[Made]:
+def _told(made: Iterator[Made], left: Sequence[Task], track: progress.Progress) -> Iterator[Made]:
     """Tell of each as it comes."""
-    for _ in tell(left, "shards"):
+    for _ in track(left, "shards"):
         yield next(made)
 
 

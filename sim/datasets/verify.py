@@ -20,14 +20,14 @@ from starling.sim.datasets.render_view import Row, fingerprint, take
 
 
 def verify(
-    path: Path, *, sample: int = 8, tell: progress.Progress = progress.silent
+    path: Path, *, sample: int = 8, track: progress.Progress = progress.silent
 ) -> dict[str, Any]:
     """Recompute every frame's checksum, and make a sample of views again.
 
     Args:
         path: folder of a finished set.
         sample: views that are made anew and compared, by lot; 0 makes none.
-        tell: wraps the loops.
+        track: wraps the loops.
 
     Returns:
         `{"frames", "missing", "duplicate", "differing", "frames_per_s", "bytes_per_frame"}`;
@@ -43,7 +43,7 @@ def verify(
     told = _told(path)
     lost: set[int] = set()
     other: set[int] = set()
-    for files, group in _grouped(path, rows, tell):
+    for files, group in _grouped(path, rows, track):
         for row in group:
             if not all(name in files for name in row["files"]):
                 lost.add(row["frame"])
@@ -52,7 +52,7 @@ def verify(
     plan = plans.from_table(told["plan"], Path(told["run"]["folder"]))
     skipped = {one["view"] for one in set_folder.figures(path)["skipped"]}
     frames, missing, duplicate = index.counted(rows, plan.count - plan.frames * len(skipped))
-    other |= _made_otherwise(path, plan, rows, sample, tell) if sample else set()
+    other |= _made_otherwise(path, plan, rows, sample, track) if sample else set()
     return {
         "frames": frames,
         "missing": missing + len(lost),
@@ -74,13 +74,13 @@ def _told(path: Path) -> Mapping[str, Any]:
 
 
 def _grouped(
-    path: Path, rows: Sequence[Row], tell: progress.Progress
+    path: Path, rows: Sequence[Row], track: progress.Progress
 ) -> Iterator[tuple[Mapping[str, bytes], Sequence[Row]]]:
     """Files that are there, and the rows that tell of them: by archive, or by view."""
     by: dict[str, list[Row]] = {}
     for row in rows:
         by.setdefault(row["shard"] or row["name"].partition("/")[0], []).append(row)
-    for group in tell(list(by.values()), "checksums"):
+    for group in track(list(by.values()), "checksums"):
         archive = group[0]["shard"]
         if not archive:
             names = [name for row in group for name in row["files"]]
@@ -93,7 +93,7 @@ def _grouped(
 
 
 def _made_otherwise(
-    path: Path, plan: Plan, rows: Sequence[Row], sample: int, tell: progress.Progress
+    path: Path, plan: Plan, rows: Sequence[Row], sample: int, track: progress.Progress
 ) -> set[int]:
     """Frames of some views that come out otherwise when they are made again."""
     views = sorted({row["view"] for row in rows})
@@ -102,7 +102,7 @@ def _made_otherwise(
     stages.of.cache_clear()  # Files may have changed since this process read them.
     before = {row["frame"]: row["sha256"] for row in rows}
     other: set[int] = set()
-    for number in tell([views[one] for one in sorted(lot)], "made again"):
+    for number in track([views[one] for one in sorted(lot)], "made again"):
         for row in take(plan, number, info, path).rows:
             if before.get(row["frame"]) != row["sha256"]:
                 other.add(row["frame"])

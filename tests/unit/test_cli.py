@@ -136,7 +136,7 @@ def test_doctor_and_bench_print_what_they_are_told(
     capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stand_in = types.ModuleType("starling.sim.commands.bench")
-    stand_in.bench = lambda *, tell: {"ratio": 1.5, "n": len([*tell([1, 2], "bench")])}  # type: ignore[attr-defined]
+    stand_in.bench = lambda *, track: {"ratio": 1.5, "n": len([*track([1, 2], "bench")])}  # type: ignore[attr-defined]
     monkeypatch.setattr(progress, "_QUIET_S", -1.0)
     monkeypatch.setitem(sys.modules, "starling.sim.commands.bench", stand_in)
     monkeypatch.setattr("starling.sim.commands.bench", stand_in, raising=False)

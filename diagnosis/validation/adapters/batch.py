@@ -51,7 +51,7 @@ def diagnose(
     against: CaptureSet | None = None,
     cache: Path | None = None,
     without: dict[str, str] | None = None,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> None:
     """Write a verdict for every capture set that has none yet.
 
@@ -64,7 +64,7 @@ def diagnose(
         without: by capture set an effect whose family is not to be tried, and in a second verdict
             nor those of effects that it is confused with, as the table says; then only the capture
             sets named here are diagnosed.
-        tell: wraps the loop over capture sets.
+        track: wraps the loop over capture sets.
 
     Raises:
         InputError: if there is no capture set, one is damaged or shows other scenes than the first,
@@ -77,13 +77,13 @@ def diagnose(
     others = {} if against is None else {one.name: read(one, sensor) for one in against.scenes}
     subjects: list[Subject] = []
     kept: Kept = {}
-    for folder in tell(todo, "capture sets"):
+    for folder in track(todo, "capture sets"):
         begun = time.perf_counter()
         pairs = scene_pairs(capture.open_set(folder), against).pairs
         subjects = _subjects(folder.name, pairs, sensor, subjects, others)
         asked, locked = attribution.parted(subjects)
         screens = [
-            _screened(arm, asked, kept, cache, tell)
+            _screened(arm, asked, kept, cache, track)
             for arm in attribution.open_arms(subjects, asked)
         ]
         for path, tried in _missing(out, folder.name, without).items():
@@ -112,13 +112,13 @@ def _screened(
     asked: Sequence[Subject],
     kept: Kept,
     cache: Path | None,
-    tell: progress.Progress,
+    track: progress.Progress,
 ) -> tuple[Bench, Screen]:
     """Screen an arm once for all capture sets; what is matched again is each one's own."""
     if arm is Arm.DEPTH:
         return attribution.screened(arm, asked)
     if arm not in kept:
-        kept[arm] = attribution.screened(arm, asked, cache=cache, tell=tell)
+        kept[arm] = attribution.screened(arm, asked, cache=cache, track=track)
     table, screen = kept[arm]
     return table.of(asked), screen
 
@@ -215,14 +215,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     single_threaded()
     return program.run(
-        lambda tell: diagnose(
+        lambda track: diagnose(
             asked.cases,
             asked.out,
             resolve.load(asked.sensor, captures=str(program.capture_sets(asked.cases)[0])),
             against=None if asked.against is None else capture.open_set(asked.against),
             cache=asked.cache,
             without=None if asked.without is None else _left_out(asked.without),
-            tell=tell,
+            track=track,
         )
     )
 

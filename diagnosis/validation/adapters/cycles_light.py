@@ -47,7 +47,7 @@ def write(
     samples: int = 64,
     seed: int = 0,
     threads: int = 0,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> None:
     """Render a light folder's scenes anew, each whole or not at all.
 
@@ -59,7 +59,7 @@ def write(
             length of 160 px, and better where dots are larger.
         seed: of these places; no two scenes have the same.
         threads: to render with, 0 for all cores.
-        tell: wraps the loop over scenes.
+        track: wraps the loop over scenes.
 
     Raises:
         InputError: if a folder or a scene cannot be used, `out` was rendered otherwise, or Blender
@@ -72,7 +72,7 @@ def write(
     if not scenes:
         raise refuse("light", f"must hold SCENE/{light.FILE}", source, "Make the light first.")
     _begin(source, out, {"blender": _version(blender), "samples": samples, "seed": seed})
-    for number, folder in enumerate(tell(scenes, "render")):
+    for number, folder in enumerate(track(scenes, "render")):
         if (out / folder.name / light.FILE).is_file():
             continue
         with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as temporary:
@@ -112,7 +112,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--threads", type=int, default=0, help="default: all cores")
     asked = parser.parse_args(arguments)
     try:
-        with progress.on_stderr() as tell:
+        with progress.on_stderr() as track:
             write(
                 asked.light,
                 asked.out,
@@ -120,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 samples=asked.samples,
                 seed=asked.seed,
                 threads=asked.threads,
-                tell=tell,
+                track=track,
             )
     except (InputError, WithheldError) as error:
         print(error, file=sys.stderr)

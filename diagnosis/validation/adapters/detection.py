@@ -56,7 +56,7 @@ def limits(
     against_itself: bool = False,
     wanted: Collection[str] | None = None,
     cache: Path | None = None,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Limits]:
     """Find the least values that are found, below and above the base, by effect; choices as a list.
 
@@ -68,7 +68,7 @@ def limits(
         against_itself: whether captures would be compared with others of the same scenes.
         wanted: effects that are asked about, with all their numbers; None asks about all.
         cache: folder that keeps what is simulated.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
 
     Raises:
         InputError: as `starling.diagnosis.diagnosis.diagnose`, or of an effect that no table has.
@@ -84,12 +84,12 @@ def limits(
             # What captured pairs are matched to depends on captures: no other run asks for it.
             place = None if arm is Arm.DEPTH else cache
             table, screen = attribution.screened(
-                arm, asked, always=True, cache=place, crew=crew, tell=tell
+                arm, asked, always=True, cache=place, crew=crew, track=track
             )
             asked_about = [
                 one for one in screen.rough if not names or one.candidate.effect.name in names
             ]
-            for one in tell(asked_about, f"limits in the {arm.value}"):
+            for one in track(asked_about, f"limits in the {arm.value}"):
                 found[one.name] = _limits(one, table, screen)
     return found
 
@@ -216,7 +216,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     single_threaded()
 
-    def work(tell: progress.Progress) -> None:
+    def work(track: progress.Progress) -> None:
         sensor = resolve.load(asked.sensor, captures=str(asked.captures[0]))
         found = [
             limits(
@@ -225,7 +225,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 against_itself=asked.against_itself,
                 wanted=asked.effects,
                 cache=asked.cache,
-                tell=tell,
+                track=track,
             )
             for one in asked.captures
         ]

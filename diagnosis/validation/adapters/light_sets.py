@@ -48,7 +48,7 @@ def write(
     names: Sequence[str],
     sensor: Sensor,
     *,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> None:
     """Write builtin scenes as light, beside what a capture set says of them.
 
@@ -56,7 +56,7 @@ def write(
         out: folder to make.
         names: builtin scenes, each once.
         sensor: nominal; its geometry, projector and scale of electrons count.
-        tell: wraps the loop over scenes.
+        track: wraps the loop over scenes.
 
     Raises:
         InputError: if a scene is unknown or named twice, or the folder cannot be written.
@@ -78,7 +78,7 @@ def write(
         told = {**nominal(sensor), "ambient_w_m2": level, "ambient_gradient": gradient}
         folder.write(NOMINAL, json.dumps(told, indent=1).encode())
         folder.write(SENSOR, presets.dumps(sensor).encode())
-        for name, scene in tell(list(loaded.items()), "light"):
+        for name, scene in track(list(loaded.items()), "light"):
             place = name.replace(":", "-")
             stage = Stage(scene)
             layers = simulate.rendered(stage, sensor)
@@ -180,9 +180,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--height", type=int, default=360, help="default: %(default)s")
     asked = parser.parse_args(arguments)
 
-    def work(tell: progress.Progress) -> None:
+    def work(track: progress.Progress) -> None:
         sensor = check_camera.camera(asked.width, asked.height)
-        write(asked.out, asked.scenes, sensor, tell=tell)
+        write(asked.out, asked.scenes, sensor, track=track)
 
     return program.run(work)
 

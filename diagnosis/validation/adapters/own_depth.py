@@ -29,18 +29,18 @@ from starling.sim.stereo.depth import depth_from_disparity, to_code
 DEPTH = "depth.png"
 
 
-def write(cases: Path, sensor: Sensor, *, tell: progress.Progress = progress.silent) -> None:
+def write(cases: Path, sensor: Sensor, *, track: progress.Progress = progress.silent) -> None:
     """Match every infrared pair that has no depth beside it.
 
     Args:
         cases: folder of capture sets.
         sensor: whose matcher and depth unit are taken.
-        tell: wraps the loop over capture sets.
+        track: wraps the loop over capture sets.
 
     Raises:
         InputError: if there is no capture set or one is damaged.
     """
-    for folder in tell(program.capture_sets(cases), "depth"):
+    for folder in track(program.capture_sets(cases), "depth"):
         for scene in capture.open_set(folder).scenes:
             for number in scene.frames:
                 path = scene.path / str(number) / DEPTH
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sensor", required=True, help="preset or sensor file of all of them")
     asked = parser.parse_args(arguments)
     single_threaded()
-    return program.run(lambda tell: write(asked.cases, presets.load(asked.sensor), tell=tell))
+    return program.run(lambda track: write(asked.cases, presets.load(asked.sensor), track=track))
 
 
 if __name__ == "__main__":

@@ -13,8 +13,8 @@ from starling.sim.console import progress
 def run(work: Callable[[progress.Progress], None]) -> int:
     """Do a program's work: 0 when it is done, 1 where something is refused, in one line."""
     try:
-        with progress.on_stderr() as tell:
-            work(tell)
+        with progress.on_stderr() as track:
+            work(track)
     except InputError as error:
         print(error, file=sys.stderr)
         return 1

@@ -86,7 +86,7 @@ class Figure:
 
 def figure(
     answered: Iterable[Answered],
-    tell: Callable[[Answered], float | None],
+    track: Callable[[Answered], float | None],
     *,
     median: bool = False,
 ) -> Figure:
@@ -94,10 +94,10 @@ def figure(
 
     Args:
         answered: The cases.
-        tell: Value of a case, None where it has none; whether it is right makes a share.
+        track: Value of a case, None where it has none; whether it is right makes a share.
         median: Take the median in place of the mean.
     """
-    told = [(value, one.scenes) for one in answered if (value := tell(one)) is not None]
+    told = [(value, one.scenes) for one in answered if (value := track(one)) is not None]
     return Figure(
         values=tuple(float(value) for value, _ in told),
         scenes=tuple(scenes for _, scenes in told),

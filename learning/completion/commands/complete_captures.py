@@ -37,7 +37,7 @@ def complete_captures(
     *,
     picture: Picture = "ir_left",
     force: bool = False,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Complete every frame of a capture set, or of one scene.
 
@@ -52,7 +52,7 @@ def complete_captures(
         out: folder to make.
         picture: the image that goes with the depth.
         force: replace what was completed before.
-        tell: wraps the loop over frames.
+        track: wraps the loop over frames.
 
     Returns:
         `{"out", "method", "frames", "cannot", "holes_before", "holes_after", "seconds_a_frame",
@@ -71,7 +71,7 @@ def complete_captures(
     with OutputFolder(out, force=force) as folder:
         folder.write(capture_info.FILE, capture_info.dumps(_info(given.info, picture)))
         frames = [(scene, number) for scene in given.scenes for number in scene.frames]
-        for scene, number in tell(frames, "complete"):
+        for scene, number in track(frames, "complete"):
             one = pair(scene, number, picture)
             started = time.perf_counter()
             found = complete(ready, one.image, one.depth_m, one.valid)

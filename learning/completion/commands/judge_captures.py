@@ -55,7 +55,7 @@ def judge_captures(
     frames: int | None = None,
     seed: int = 0,
     force: bool = False,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Complete frames whose truth is known by several methods, and compare.
 
@@ -72,7 +72,7 @@ def judge_captures(
         frames: to judge, so many of theirs, evenly spread; None judges all.
         seed: of the intervals' draws.
         force: replace what was judged before.
-        tell: wraps the loop over frames.
+        track: wraps the loop over frames.
 
     Returns:
         `{"methods": {WORD: {"all", "hole", "valid", "edge", "reasons"}}, "pooled": the same of all
@@ -99,7 +99,7 @@ def judge_captures(
     spent: dict[str, list[float]] = {word: [] for word in ready}
     sigmas: dict[str, dict[str, Coverage]] = {word: {} for word in ready}
     worst = pictures.Worst()
-    for one in readings(judged, tell, "judge"):
+    for one in readings(judged, track, "judge"):
         truth_m, completed = one.truth(), _completed(ready, one, spent)
         told = {
             word: judged_as(align, depth_m, sensor_m=one.depth_m, truth_m=truth_m)

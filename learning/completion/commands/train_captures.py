@@ -45,7 +45,7 @@ def train_captures(
     steps: int | None = None,
     seed: int = 0,
     force: bool = False,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Train a network; what was cut short is gone on with when asked for again.
 
@@ -66,7 +66,7 @@ def train_captures(
         steps: None leaves the settings' number.
         seed: of first weights, crops, and random holes.
         force: drop what starling left in the folder.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
 
     Returns:
         `{"method", "frames", "left_out", "hole_share", "out", "seconds"}`, as `train_small` and
@@ -96,7 +96,7 @@ def train_captures(
     arguments = {"method": method, **seen, **asked, "steps": steps, "seed": seed}
     train = partial(_train_diffusion(), **seen) if start else _train_small()
     work_folder.begin(out, arguments, force=force)
-    found = train(learnt, holes, steps=steps, folder=out, seed=seed, tell=tell)
+    found = train(learnt, holes, steps=steps, folder=out, seed=seed, track=track)
     figures = {"method": method, **found}
     work_folder.end(out, VERB, arguments, figures)
     return {**figures, "out": str(out), "seconds": round(time.perf_counter() - begun, 3)}

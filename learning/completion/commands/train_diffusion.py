@@ -27,7 +27,7 @@ def train_diffusion(
     at_once: int | None,
     folder: Path,
     seed: int,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Learn, or go on with what lies in the folder; weights are left in `folder/weights`.
 
@@ -40,7 +40,7 @@ def train_diffusion(
         at_once: so does it here: frames that the device holds at a time.
         folder: gets checkpoint, loss curve and weights.
         seed: fixes what is drawn, random holes too.
-        tell: wraps the loop over steps.
+        track: wraps the loop over steps.
 
     Returns:
         `{"frames", "left_out", "hole_share"}`: those there are; of the ones that were drawn since
@@ -54,7 +54,7 @@ def train_diffusion(
     settings = dataclasses.replace(training.Settings(), **given)
     drawn = Unread(frames=frames, holes=holes, seed=seed)
     training.train(
-        weights.load(start), variant, drawn, settings, folder=folder, seed=seed, tell=tell
+        weights.load(start), variant, drawn, settings, folder=folder, seed=seed, track=track
     )
     shares = [share for share in drawn.shares.values() if share < 1]
     return {

@@ -23,7 +23,7 @@ def train_small(
     steps: int | None,
     folder: Path,
     seed: int,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Read all frames, then learn, or go on with what lies in the folder.
 
@@ -33,7 +33,7 @@ def train_small(
         steps: None leaves the settings' number.
         folder: gets checkpoint, loss curve and weights.
         seed: fixes first weights, crops and random holes.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
 
     Returns:
         `{"frames", "left_out", "hole_share"}`: those learnt from; those without any depth; mean
@@ -43,7 +43,7 @@ def train_small(
         InputError: whatever is wrong with a frame; if none has depth; as `small.fit`.
     """
     samples = []
-    for number, one in enumerate(readings(frames, tell, "read")):
+    for number, one in enumerate(readings(frames, track, "read")):
         ready = training_frame(one, holes, seed=seed, number=number)
         if ready is not None:
             told = Sample(image=ready.image, depth_m=ready.depth_m, truth_m=ready.truth())
@@ -51,7 +51,7 @@ def train_small(
     if not samples:
         raise none_has_depth(len(frames))
     settings = Settings() if steps is None else Settings(steps=steps)
-    method.fit(samples, settings, folder=folder, seed=seed, tell=tell)
+    method.fit(samples, settings, folder=folder, seed=seed, track=track)
     return {
         "frames": len(samples),
         "left_out": len(frames) - len(samples),

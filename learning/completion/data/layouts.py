@@ -95,18 +95,18 @@ def chosen(
     return [left[number * len(left) // most] for number in range(most)]
 
 
-def readings(frames: Sequence[Listed], tell: progress.Progress, label: str) -> Iterator[Pair]:
+def readings(frames: Sequence[Listed], track: progress.Progress, label: str) -> Iterator[Pair]:
     """Read frames one after the other.
 
     Args:
         frames: listed.
-        tell: wraps the loop over them.
+        track: wraps the loop over them.
         label: what is done with them.
 
     Raises:
         InputError: as their `load`.
     """
-    for one in tell(frames, label):
+    for one in track(frames, label):
         yield one.load()
 
 

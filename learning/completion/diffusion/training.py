@@ -75,7 +75,7 @@ def train(
     *,
     folder: Path,
     seed: int,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> Model:
     """Train to the end, or go on where `folder`'s checkpoint stands.
 
@@ -86,7 +86,7 @@ def train(
         settings: steps, batches and rate.
         folder: gets `training.pt`, `loss.csv` and at the end `weights/`, which `trained` reads.
         seed: fixes what is drawn.
-        tell: wraps the loop over steps.
+        track: wraps the loop over steps.
 
     Returns:
         The model, ready for use.
@@ -106,7 +106,7 @@ def train(
     run = _Run(model, optim.Adam(trainable(model.conditioning), lr=settings.rate))
     if path.exists():
         _resume(run, checkpoint.load(path, _KIND), identity)
-    for step in tell(range(run.step, settings.steps), f"train diffusion-{variant}"):
+    for step in track(range(run.step, settings.steps), f"train diffusion-{variant}"):
         run.curve.append(_step(run, drawn_from, settings, seed, step))
         run.step = step + 1
         if run.step % settings.save_every == 0 or run.step == settings.steps:

@@ -62,7 +62,7 @@ def fit(
     *,
     folder: Path,
     seed: int,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> Small:
     """Learn, or go on with what lies in the folder, and leave the weights there.
 
@@ -71,7 +71,7 @@ def fit(
         settings: steps, batches and rates.
         folder: gets checkpoint, loss curve and weights.
         seed: fixes first weights and crops.
-        tell: wraps the loop over steps.
+        track: wraps the loop over steps.
 
     Raises:
         InputError: if there is no sample, or as `starling.learning.networks.training.loop.train`.
@@ -79,7 +79,7 @@ def fit(
     lot = Crops(samples=samples, settings=settings, seed=seed)
     network = initialised(SmallNetwork, seed)
     learner = SmallLearner(network, settings)
-    learnt = train(learner, lot, settings, kind=f"{_KIND} training", folder=folder, tell=tell)
+    learnt = train(learner, lot, settings, kind=f"{_KIND} training", folder=folder, track=track)
     network.load_state_dict(learnt["small"].state_dict())
     save(Small(network), folder)
     return load(folder)

@@ -19,7 +19,7 @@ def write(
     seed: int = 0,
     samples: int = 16,
     force: bool = False,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Let the camera look at builtin scenes, each a room of its own, and write a capture set.
 
@@ -33,7 +33,7 @@ def write(
         seed: of the set; each capture's conditions follow from it and the scene's name.
         samples: paths a coarse pixel of indirect light.
         force: replace a set made before.
-        tell: wraps the loop over scenes.
+        track: wraps the loop over scenes.
 
     Returns:
         Share of no-depth pixels by scene.
@@ -50,5 +50,5 @@ def write(
         seed=seed,
         arguments={"samples": samples},
         force=force,
-        tell=tell,
+        track=track,
     )

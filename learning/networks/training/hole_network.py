@@ -30,7 +30,7 @@ def fit_hole_network(
     with_physics: bool,
     folder: Path,
     seed: int,
-    tell: progress.Progress,
+    track: progress.Progress,
 ) -> nn.Module:
     """Learn, or go on with what lies in the folder, and leave the weights there.
 
@@ -43,7 +43,7 @@ def fit_hole_network(
         with_physics: whether it sees the simulator's answers.
         folder: gets checkpoint, loss curve and weights.
         seed: fixes first weights and crops.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
 
     Raises:
         InputError: as `starling.learning.networks.training.samples.collect`, `starling.learning.networks.training.loop.train`, and
@@ -55,7 +55,7 @@ def fit_hole_network(
         partial(channels, with_reflectance=with_reflectance, with_physics=with_physics),
         odd=tuple(seen.index(channel) for channel in ODD),
         wanted=_ndp,
-        tell=tell,
+        track=track,
     )
     share = drawing.share(samples)
     if with_physics:
@@ -71,7 +71,7 @@ def fit_hole_network(
         settings,
         kind=f"{name} training",
         folder=folder,
-        tell=tell,
+        track=track,
     )["holes"]
     weights.save(folder, name, learnt, seen, examples[0].info.shape)
     return learnt

@@ -62,7 +62,7 @@ def train(
     *,
     kind: str,
     folder: Path,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> nn.ModuleDict:
     """Train to the end, or go on where `folder`'s checkpoint stands.
 
@@ -75,7 +75,7 @@ def train(
         settings: how long.
         kind: the method, which the checkpoint is marked with.
         folder: gets `training.pt` and `loss.csv`.
-        tell: wraps the loop over steps.
+        track: wraps the loop over steps.
 
     Returns:
         The averaged networks, ready for use.
@@ -91,7 +91,7 @@ def train(
         _resume(run, learner, checkpoint.load(path, kind), identity)
     save = partial(_save, run, learner, folder=folder, kind=kind, identity=identity)
     steps = range(run.step, settings.steps)
-    for step in tell(steps, f"train {kind}"):
+    for step in track(steps, f"train {kind}"):
         _step(run, learner, lot, settings, step)
         run.step = step + 1
         if run.step % settings.save_every == 0:

@@ -79,7 +79,7 @@ def collect(
     *,
     odd: tuple[int, ...],
     wanted: Callable[[Example], NDArray],
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> list[Sample]:
     """Make samples of all examples.
 
@@ -88,7 +88,7 @@ def collect(
         see: gives the channels (c, h, w).
         odd: the channels that change sign upside down.
         wanted: gives the target (h, w).
-        tell: wraps the loop over examples.
+        track: wraps the loop over examples.
 
     Raises:
         InputError: if nothing can be learnt from them (`starling.learning.data.learnable`), they differ in size,
@@ -96,7 +96,7 @@ def collect(
     """
     check_learnable(examples)
     samples = []
-    for example in tell(examples, "channels"):
+    for example in track(examples, "channels"):
         check_same_size(example, examples[0].info.shape)
         seen = see(example)
         ndp, counted = known_holes(example)

@@ -143,7 +143,7 @@ def fit_translation(
     name: str,
     folder: Path,
     seed: int,
-    tell: progress.Progress,
+    track: progress.Progress,
 ) -> TranslationPredictor:
     """Learn, or go on with what lies in the folder, and leave the generator's weights there.
 
@@ -157,15 +157,15 @@ def fit_translation(
         name: the method's.
         folder: gets checkpoint, loss curve and weights.
         seed: fixes the crops.
-        tell: wraps loops that take long.
+        track: wraps loops that take long.
 
     Raises:
         InputError: as `starling.learning.networks.training.samples.collect` and `starling.learning.networks.training.loop.train`.
     """
-    samples = _samples(examples, sight, tell)
+    samples = _samples(examples, sight, track)
     kind = f"{name} training"
     crops = drawing.Crops(samples=samples, settings=settings, seed=seed)
-    learnt = train(learner, crops, settings, kind=kind, folder=folder, tell=tell)
+    learnt = train(learner, crops, settings, kind=kind, folder=folder, track=track)
     shape = examples[0].info.shape
     weights.save(folder, name, learnt[generator], sight.names, shape)
     return TranslationPredictor(learnt[generator], shape, sight)
@@ -183,12 +183,12 @@ def load_translation(
     return TranslationPredictor(network, shape, sight)
 
 
-def _samples(examples: Sequence[Example], sight: Sight, tell: progress.Progress) -> list[Sample]:
+def _samples(examples: Sequence[Example], sight: Sight, track: progress.Progress) -> list[Sample]:
     def wanted(example: Example) -> Image:
         ndp: Mask = np.asarray(example.ndp)
         return np.where(ndp, 0, depth_image(example)[0])
 
-    return drawing.collect(examples, sight.see, odd=sight.odd, wanted=wanted, tell=tell)
+    return drawing.collect(examples, sight.see, odd=sight.odd, wanted=wanted, track=track)
 
 
 def linear_decay(step: int, settings: Settings) -> float:

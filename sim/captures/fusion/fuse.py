@@ -35,7 +35,7 @@ def fuse(
     sensor: str = "kinect-v1",
     fusion: Fusion | None = None,
     force: bool = False,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Fuse streams, each to its surface, and pair each frame with the surface's depth.
 
@@ -47,7 +47,7 @@ def fuse(
         sensor: preset of the device, for its name and baseline.
         fusion: how; None takes what is usual.
         force: replace what was made before.
-        tell: wraps loops over frames.
+        track: wraps loops over frames.
 
     Returns:
         `{"out", "frames", "without_pose", "points", "triangles", "voxel_m", "streams",
@@ -73,7 +73,7 @@ def fuse(
         notes="truth.png: the surface fused of all frames' depth.png, from where each was taken",
     )
     with OutputFolder(out, force=force) as folder:
-        told = {name: _one(name, opened[name], info, fusion, folder, tell) for name in opened}
+        told = {name: _one(name, opened[name], info, fusion, folder, track) for name in opened}
         counted = ("frames", "without_pose", "points", "triangles")
         figures = {
             **{key: sum(one[key] for one in told.values()) for key in counted},
@@ -134,12 +134,12 @@ def _one(
     info: CaptureInfo,
     fusion: Fusion,
     folder: Folder,
-    tell: progress.Progress,
+    track: progress.Progress,
 ) -> dict[str, Any]:
     frames = trajectory.posed(stream, fusion.every)
-    mesh = fused(frames, stream.camera, fusion, tell=tell)
+    mesh = fused(frames, stream.camera, fusion, track=track)
     folder.write_by(f"{name}.ply", lambda path: mesh.export(path, file_type="ply"))
-    figures = pairs.write(name, frames, mesh, info, folder, tell=tell)
+    figures = pairs.write(name, frames, mesh, info, folder, track=track)
     return {
         "frames": len(frames),
         "without_pose": len(stream.moments[:: fusion.every]) - len(frames),

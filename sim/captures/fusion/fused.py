@@ -40,7 +40,7 @@ def fused(
     camera: Pinhole,
     fusion: Fusion,
     *,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> trimesh.Trimesh:
     """Fuse frames and triangulate the surface.
 
@@ -48,13 +48,13 @@ def fused(
         frames: of one static room.
         camera: of all of them.
         fusion: how.
-        tell: wraps the loop over frames.
+        track: wraps the loop over frames.
 
     Raises:
         InputError: if a depth image is not of the camera's size, or there is no surface.
     """
     volume = Volume(camera, fusion.voxel_m, fusion.band_m)
-    for one in tell(frames, "fuse"):
+    for one in track(frames, "fuse"):
         depth_m = depth_of(one.moment, camera)
         near = np.where(depth_m <= fusion.far_m, depth_m, np.float32(np.nan))
         volume.add(near, one.world_from_camera)

@@ -35,7 +35,7 @@ def write(
     info: CaptureInfo,
     folder: Folder,
     *,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, float | None]:
     """Write each frame as a scene, NAME-000012, all of one room.
 
@@ -45,7 +45,7 @@ def write(
         mesh: surface in their world.
         info: of the set.
         folder: where to.
-        tell: wraps the loop over frames.
+        track: wraps the loop over frames.
 
     Returns:
         `{"completeness", "residual_m", "ndp"}`: mean share of pixels that have reference depth;
@@ -60,7 +60,7 @@ def write(
     complete: list[float] = []
     residual_m: list[float] = []
     ndp: list[float] = []
-    for one in tell(frames, "pair"):
+    for one in track(frames, "pair"):
         truth_m, depth_m = next(seen), depth_of(one.moment, camera)
         _write_scene(f"{name}-{one.number:06d}", name, one, truth_m, depth_m, info, folder)
         known, both = np.isfinite(truth_m), np.isfinite(truth_m) & np.isfinite(depth_m)

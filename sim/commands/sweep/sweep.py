@@ -33,7 +33,7 @@ def sweep(
     distances_m: Sequence[float] = DISTANCES_M,
     full: bool = False,
     seed: int = 0,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> Sweep:
     """Simulate and measure every camera of a sweep at every distance.
 
@@ -44,7 +44,7 @@ def sweep(
         distances_m: of what the cameras look at [m], 0.1 to 10.
         full: all combinations of the values; else one axis at a time.
         seed: of the noise, the same for all cameras.
-        tell: wraps the loop over cameras and distances.
+        track: wraps the loop over cameras and distances.
 
     Raises:
         InputError: whatever is wrong with the base, a value or a distance; before any rendering.
@@ -65,7 +65,7 @@ def sweep(
     simulate.refuse_impossible(base, 1)
     measured: list[list[Figures]] = [[] for _ in cameras]
     stages = None
-    for distance, number in tell(list(product(distances, range(len(cameras)))), "sweep"):
+    for distance, number in track(list(product(distances, range(len(cameras)))), "sweep"):
         if stages is None or number == 0:
             stages = Stages.at(distance)
         measured[number].append(measure(cameras[number].sensor, stages, seed=seed))
@@ -88,7 +88,7 @@ def run(
     seed: int = 0,
     force: bool = False,
     asked: Mapping[str, Any] | None = None,
-    tell: progress.Progress = progress.silent,
+    track: progress.Progress = progress.silent,
 ) -> dict[str, Any]:
     """Sweep and write a folder: `sweep.png`, `sweep.csv`, `sweep.json` and the base `sensor.toml`.
 
@@ -110,7 +110,7 @@ def run(
     started = time.perf_counter()
     with OutputFolder(out, force=force) as folder:
         found = sweep(
-            base, axes, distances_m=distances_m or DISTANCES_M, full=full, seed=seed, tell=tell
+            base, axes, distances_m=distances_m or DISTANCES_M, full=full, seed=seed, track=track
         )
         from starling.sim.commands.sweep import picture
 

@@ -81,7 +81,7 @@ class Knowing:
     def __init__(self) -> None:
         self.seen = []
 
-    def fit(self, examples: Sequence[Example], *, folder: Path, seed: int, tell: Any) -> Knowing:
+    def fit(self, examples: Sequence[Example], *, folder: Path, seed: int, track: Any) -> Knowing:
         assert folder.is_dir()
         self.seen.append([one.scene for one in examples])
         return self

@@ -45,7 +45,7 @@ class Spy:
     given: list[bool] = dataclasses.field(default_factory=list)  # Whether there was physics.
     name: str = "spy"
 
-    def fit(self, examples: Sequence[Example], *, folder: Path, seed: int, tell: Any) -> Learnt:
+    def fit(self, examples: Sequence[Example], *, folder: Path, seed: int, track: Any) -> Learnt:
         rooms = tuple(dict.fromkeys(example.room for example in examples))
         self.fits.append(rooms)
         self.folders.append(folder)

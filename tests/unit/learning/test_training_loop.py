@@ -61,10 +61,10 @@ def test_killed_training_goes_on_to_the_same_bits(method: Any, tmp_path: Path) -
     whole = method.fit(SCENES, folder=tmp_path / "whole", seed=3)
     kill = _Kill(after=5)
     with pytest.raises(_Killed):
-        method.fit(SCENES, folder=tmp_path / "killed", seed=3, tell=kill)
+        method.fit(SCENES, folder=tmp_path / "killed", seed=3, track=kill)
     assert kill.taken == [0, 1, 2, 3, 4]
     rest = _Kill(after=100)
-    resumed = method.fit(SCENES, folder=tmp_path / "killed", seed=3, tell=rest)
+    resumed = method.fit(SCENES, folder=tmp_path / "killed", seed=3, track=rest)
     assert rest.taken == [4, 5, 6, 7, 8]  # From the checkpoint after four steps.
     weights = resumed.network.state_dict()
     for name, value in whole.network.state_dict().items():
@@ -80,7 +80,7 @@ def test_finished_training_is_not_done_again_and_loads_the_same(
     method: Any, tmp_path: Path
 ) -> None:
     first = method.fit(SCENES, folder=tmp_path, seed=0).probability(SCENES[1])
-    again = method.fit(SCENES, folder=tmp_path, seed=0, tell=_Kill(after=0))
+    again = method.fit(SCENES, folder=tmp_path, seed=0, track=_Kill(after=0))
     np.testing.assert_array_equal(again.probability(SCENES[1]), first)
     np.testing.assert_array_equal(method.load(tmp_path).probability(SCENES[1]), first)
     assert first.dtype == np.float32

@@ -23,13 +23,13 @@ def test_every_round_is_told_and_the_first_does_not_count(monkeypatch: pytest.Mo
     monkeypatch.setattr(bench, "_moving", lambda *_: lambda: None)
     rounds = []
 
-    def tell(items: Sequence[Any], label: str) -> Iterable[Any]:
+    def track(items: Sequence[Any], label: str) -> Iterable[Any]:
         assert label == "bench"
         for item in items:
             rounds.append(item)
             yield item
 
-    assert bench.bench(repeats=2, tell=tell)["pipeline_s"] == 1.0
+    assert bench.bench(repeats=2, track=track)["pipeline_s"] == 1.0
     assert len(rounds) == 3
 
 

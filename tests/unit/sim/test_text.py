@@ -82,16 +82,16 @@ def test_versions_find_opencv_under_any_name(
 def test_progress_speaks_only_of_long_work(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with progress.on_stderr() as tell:
-        assert list(tell([1, 2], "count")) == [1, 2]
+    with progress.on_stderr() as track:
+        assert list(track([1, 2], "count")) == [1, 2]
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(progress, "_QUIET_S", -1.0)
-    with progress.on_stderr() as tell:
-        assert list(tell([1, 2], "count")) == [1, 2]
+    with progress.on_stderr() as track:
+        assert list(track([1, 2], "count")) == [1, 2]
     assert capsys.readouterr().err == "count 1/2\ncount 2/2\n"
     monkeypatch.setattr(progress.sys.stderr, "isatty", lambda: True, raising=False)
-    with progress.on_stderr() as tell:
-        assert list(tell([1, 2], "count")) == [1, 2]
+    with progress.on_stderr() as track:
+        assert list(track([1, 2], "count")) == [1, 2]
     assert capsys.readouterr().out == ""
 
 

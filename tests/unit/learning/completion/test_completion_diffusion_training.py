@@ -52,13 +52,13 @@ class _Killed(Exception):
 
 
 def _kill(after: int) -> Any:
-    def tell(items: Sequence[Any], label: str) -> Iterable[Any]:
+    def track(items: Sequence[Any], label: str) -> Iterable[Any]:
         for count, item in enumerate(items):
             if count == after:
                 raise _Killed
             yield item
 
-    return tell
+    return track
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -71,7 +71,7 @@ def test_killed_training_goes_on_to_the_same_bits(
 
     whole = run("whole")
     with pytest.raises(_Killed):
-        run("killed", tell=_kill(after=3))
+        run("killed", track=_kill(after=3))
     resumed = run("killed")
     read = model.trained(tmp_path / "killed" / training.WEIGHTS)
     expected = whole.conditioning.networks.state_dict()

@@ -130,7 +130,7 @@ def test_killed_training_goes_on_to_the_same_bits(tmp_path: Path):
     scenes = [scene(n) for n in range(3)]
     whole = method.fit(scenes, SHORT, folder=tmp_path / "whole", seed=3)
     with pytest.raises(_Killed):
-        method.fit(scenes, SHORT, folder=tmp_path / "killed", seed=3, tell=_killing)
+        method.fit(scenes, SHORT, folder=tmp_path / "killed", seed=3, track=_killing)
     resumed = method.fit(scenes, SHORT, folder=tmp_path / "killed", seed=3)
     for name, value in whole.network.state_dict().items():
         torch.testing.assert_close(resumed.network.state_dict()[name], value, rtol=0, atol=0)
